@@ -65,7 +65,7 @@ contains
       dofs = system%dofs_of_unknowns()
       if (motion%status == outcome%integrated) then
          do i = 1, size(system%laws)
-            if (has_stored_force(discretisation, motion, dofs, system%laws(i)%law)) self%is_idle(i) = .false.
+            if (has_stored_force(system, motion, dofs, system%laws(i)%law)) self%is_idle(i) = .false.
             if (system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts
          end do
       end if
@@ -220,8 +220,8 @@ contains
 
    !> Whether forces act at the degrees of freedom of a law in a motion that time integration has found: its series, which may lack
    !> harmonics, stays within gaps that the motion exceeds, but is in balance with the forces, to the errors of its averages.
-   pure logical function has_stored_force(discretisation, motion, dofs, law)
-      type(discretisation_t), intent(in) :: discretisation
+   pure logical function has_stored_force(system, motion, dofs, law)
+      type(system_t), intent(in) :: system
       type(motion_result_t), intent(in) :: motion
       integer, intent(in) :: dofs(:)                                  !! of the stored forces
       class(law_t), intent(in) :: law
@@ -231,7 +231,7 @@ contains
       has_stored_force = .false.
       if (motion%status /= outcome%integrated .or. .not. allocated(motion%force_coefficients)) return
       if (size(motion%force_coefficients, 3) /= size(dofs)) return
-      none = faint*maxval(abs(discretisation%loads%values))
+      none = faint*maxval(abs(system%load_spectrum%values))
       do i = 1, size(dofs)
          if (.not. any(law%dofs == dofs(i))) cycle
          has_stored_force = has_stored_force .or. any(abs(motion%force_coefficients(:, :, i)) > none)

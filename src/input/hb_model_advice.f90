@@ -40,7 +40,7 @@ contains
       type(advice_list_t), intent(inout) :: list
 
       call advise_on_combination(system%tones, options%error_estimate%commensurability, list)
-      if (has_no_load(system, discretisation)) call list%add(advice%no_load)
+      if (has_no_load(system)) call list%add(advice%no_load)
    end subroutine advise_on_drive
 
    !> Names values of a model that suggest a mistake: tones far above or below all natural frequencies, negative damping or
@@ -166,12 +166,11 @@ contains
 
    !> Whether nothing drives the model: no load, no law that depends on tones, and no unknown tone of a self-excited
    !> motion. Without tones a free motion is integrated.
-   pure logical function has_no_load(system, discretisation)
+   pure logical function has_no_load(system)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       integer :: i
 
-      has_no_load = system%tones%n_tones > 0 .and. .not. any(system%tones%is_unknown) .and. discretisation%loads%is_zero() .and. &
+      has_no_load = system%tones%n_tones > 0 .and. .not. any(system%tones%is_unknown) .and. system%load_spectrum%is_zero() .and. &
                     .not. any(is_only_in_time(system%loads)) .and. &
                     .not. any([(allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])
    end function has_no_load
@@ -186,7 +185,7 @@ contains
       integer :: i
 
       is_driven = .false.
-      if (system%tones%n_tones == 0 .or. any(system%tones%is_unknown) .or. has_no_load(system, discretisation)) return
+      if (system%tones%n_tones == 0 .or. any(system%tones%is_unknown) .or. has_no_load(system)) return
       if (allocated(system%structure%parts)) return
       call system%structure%diagonals(mass, damping, stiffness)
       if (all(abs(mass) <= 0.0_wp) .or. any(abs(damping) > 0.0_wp)) return

@@ -1,6 +1,5 @@
 !> Amplitudes of a model by harmonic: loads (`&load` and others) and terms added to the first guess (`&start`); `&initial`.
 module hb_model_loads
-   use hb_amplitudes, only: amplitudes_t
    use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_element_reader, only: find_dofs
@@ -10,7 +9,7 @@ module hb_model_loads
    use hb_load_catalogue, only: allocate_load, load_groups
    use hb_model, only: model_t
    use hb_model_number, only: has_number
-   use hb_model_numbers, only: build_loads, build_starts, unknown_tone_of
+   use hb_model_numbers, only: build_starts, unknown_tone_of, update_loads
    use hb_number_reader, only: group_problems_t, read_numbers
    use hb_parameter_path, only: check_label
    use hb_properties, only: properties_t
@@ -32,7 +31,6 @@ contains
    subroutine read_loads(self, document)
       type(model_t), intent(inout) :: self                            !! with its structure, tones and harmonics
       type(document_t), intent(inout), target :: document
-      type(amplitudes_t) :: loads, slopes
       type(error_t), allocatable :: error
       type(properties_t), pointer :: group
       integer :: i, k, n
@@ -56,9 +54,7 @@ contains
          end do
       end do
       self%system%has_inertia_loads = any([(self%system%loads(i)%load%depends_on_frequency(), i=1, n)])
-      call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error) ! an error has been reported
-      self%discretisation%loads = loads
-      self%discretisation%load_slopes = slopes
+      call update_loads(self%system, error)                           ! an error has been reported
    end subroutine read_loads
 
    !> Reads a load: where it acts, its tuple, as far as its kind has keys for them, and all that it declares. Weights are not

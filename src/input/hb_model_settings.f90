@@ -240,7 +240,8 @@ contains
 
       if (discretisation%symmetry /= symmetry%odd .or. .not. allocated(discretisation%torus%n_samples)) return
       if (.not. all([(allocated(system%laws(i)%law%dofs), i=1, size(system%laws))])) return ! already reported
-      reason = trim(why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, discretisation%loads))
+      reason = trim(why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, &
+                                 system%loads_in(discretisation%harmonics)))
       if (len(reason) > 0) call group%problem("symmetry", "must not be 'odd': "//reason// &
                                               "; 'auto' uses the symmetry where there is one")
    end subroutine check_symmetry

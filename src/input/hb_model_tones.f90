@@ -2,6 +2,7 @@
 !> amplitude or energy (`&normal_mode`). Checks that there are laws and that the fundamentals of these tones are in
 !> the set.
 module hb_model_tones
+   use hb_amplitudes, only: amplitudes_t
    use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t
@@ -223,15 +224,17 @@ contains
       type(discretisation_t), intent(in) :: discretisation
       type(properties_t), intent(inout) :: group
       type(error_t), allocatable :: error
+      type(amplitudes_t) :: loads
       integer :: h, i
 
+      loads = system%loads_in(discretisation%harmonics)
       do i = 1, size(system%laws)
          if (.not. allocated(system%laws(i)%law)) cycle               ! already reported
          if (.not. system%laws(i)%law%has_potential) call group%problem("energy", "law '"//system%laws(i)%law%label// &
             "' has no potential, so that there is no energy to prescribe; give 'amplitude' and 'dof'")
       end do
       do h = 1, discretisation%harmonics%n_harmonics
-         if (any(discretisation%harmonics%tuples(:, h) /= 0) .and. .not. discretisation%loads%is_zero_at(h)) &
+         if (any(discretisation%harmonics%tuples(:, h) /= 0) .and. .not. loads%is_zero_at(h)) &
             call group%problem("energy", "the energy of a motion under a &load that varies is not constant; give 'amplitude' "// &
                                "and 'dof'")
       end do

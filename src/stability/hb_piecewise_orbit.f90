@@ -212,31 +212,31 @@ contains
       n = variation%n_dofs
       self%n = 2*n
       self%period = two_pi/variation%motion%omega(1)
-      is_done = allocated(excitation%loads%values) .and. allocated(excitation%frequencies)
+      is_done = allocated(excitation%loads%values)
       if (.not. is_done) return
-      associate (loads => excitation%loads, w => excitation%frequencies)
+      associate (loads => excitation%loads, w => excitation%loads%frequencies(variation%motion%omega))
          call structure%factorise_mass(factor, info)
-         allocate (pushes(n, 2*size(loads%harmonics)))
-         do k = 1, size(loads%harmonics)
+         allocate (pushes(n, 2*size(w)))
+         do k = 1, size(w)
             pushes(:, 2*k - 1) = real(loads%values(:, k))
             pushes(:, 2*k) = -aimag(loads%values(:, k))
          end do
          if (size(pushes) > 0) call dpotrs("L", n, size(pushes, 2), factor, n, pushes, n, info)
-         turning = pack([(k, k=1, size(loads%harmonics))], abs(w(loads%harmonics)) > 0.0_wp)
+         turning = pack([(k, k=1, size(w))], abs(w) > 0.0_wp)
          self%size = self%n + 1 + 2*size(turning)
          allocate (self%constant(self%size, self%size), self%first(1 + 2*size(turning)), source=0.0_wp)
          self%constant(:self%n, :self%n) = variation%constant(:self%n, :self%n)
          self%first(1) = 1.0_wp
-         do k = 1, size(loads%harmonics)
+         do k = 1, size(w)
             if (.not. any(turning == k)) self%constant(n + 1:self%n, self%n + 1) = self%constant(n + 1:self%n, self%n + 1) &
                                                                                  + pushes(:, 2*k - 1)/variation%scale
          end do
          do i = 1, size(turning)
             associate (c => self%n + 2*i, k => turning(i))
                self%constant(n + 1:self%n, c:c + 1) = pushes(:, 2*k - 1:2*k)/variation%scale
-               self%constant(c, c + 1) = -w(loads%harmonics(k))
-               self%constant(c + 1, c) = w(loads%harmonics(k))
-               self%first(2*i:2*i + 1) = [cos(w(loads%harmonics(k))*start), sin(w(loads%harmonics(k))*start)]
+               self%constant(c, c + 1) = -w(k)
+               self%constant(c + 1, c) = w(k)
+               self%first(2*i:2*i + 1) = [cos(w(k)*start), sin(w(k)*start)]
             end associate
          end do
       end associate

@@ -5,9 +5,9 @@
 !> phase of an unknown tone has the multiplier 1 or the exponent 0 and is omitted. Source: docs/why/theory.md, section
 !> 8.
 module hb_stability
-   use hb_amplitudes, only: amplitudes_t
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
+   use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    use hb_thresholds, only: clearly, minor, safety
    use hb_tones, only: tones_t
@@ -81,8 +81,7 @@ module hb_stability
 
    !> Loads of a motion, and the restitution of walls.
    type :: excitation_t
-      type(amplitudes_t) :: loads                                     !! [N]
-      real(wp), allocatable :: frequencies(:)                         !! of the loads [rad/s]
+      type(spectrum_t) :: loads                                       !! [N]
       real(wp) :: restitution = 0.0_wp                                !! of walls without a value of their own
    end type excitation_t
 

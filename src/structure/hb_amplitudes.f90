@@ -2,8 +2,7 @@
 !> amplitudes are stored.
 module hb_amplitudes
    use hb_assert, only: assert, asserts_are_on
-   use hb_error, only: error_t, fail
-   use hb_harmonics, only: canonical_sign, harmonics_t, tuple_text
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    implicit none
    private
@@ -16,7 +15,6 @@ module hb_amplitudes
    contains
       procedure :: add => amplitudes_add
       procedure :: add_scaled => amplitudes_add_scaled
-      procedure :: add_tuple => amplitudes_add_tuple
       procedure :: at => amplitudes_at
       procedure :: in_set => amplitudes_in_set
       procedure :: is_zero => amplitudes_is_zero
@@ -108,31 +106,6 @@ contains
          call self%add(other%harmonics(k), factors(other%harmonics(k))*other%values(:, k))
       end do
    end subroutine amplitudes_add_scaled
-
-   !> Adds cos cos(j.tau) + sin sin(j.tau) at some degrees of freedom, in a time that does not depend on the number of the others. If
-   !> the set contains the negative of the tuple, the sine changes its sign. Fails for a tuple outside the set.
-   pure subroutine amplitudes_add_tuple(self, harmonics, tuple, dofs, cosine, sine, error)
-      class(amplitudes_t), intent(inout) :: self
-      type(harmonics_t), intent(in) :: harmonics
-      integer, intent(in) :: tuple(:)                                 !! (n_tones)
-      integer, intent(in) :: dofs(:)                                  !! each 1 to n_dofs
-      real(wp), intent(in) :: cosine(:), sine(:)                      !! of loads [N], of a motion [m], (size(dofs))
-      type(error_t), allocatable, intent(out) :: error
-      real(wp) :: turned
-      integer :: h, i, k
-
-      h = harmonics%index_of(tuple)
-      if (h == 0) then
-         call fail(error, "tuple "//tuple_text(tuple)//" is not in the set of harmonics")
-         return
-      end if
-      turned = real(canonical_sign(tuple), wp)
-      if (all(tuple == 0)) turned = 0.0_wp
-      call find_or_add(self, h, k)
-      do i = 1, size(dofs)
-         self%values(dofs(i), k) = self%values(dofs(i), k) + cmplx(cosine(i), -turned*sine(i), wp)
-      end do
-   end subroutine amplitudes_add_tuple
 
    !> Amplitudes of one set in another, for the tuples that both contain.
    pure function amplitudes_in_set(self, from_set, to_set) result(moved)

@@ -1,15 +1,14 @@
 !> A force, or the motion of a base: one tuple at some degrees of freedom, both may grow with a power of the frequency. In time
 !> integration it may begin, end, and have a frequency of its own.
 module hb_load
-   use hb_amplitudes, only: amplitudes_t, new_amplitudes
-   use hb_error, only: error_t
    use hb_harmonic_amplitude, only: harmonic_amplitude_t
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: canonical_sign
    use hb_kinds, only: wp
    use hb_load_course, only: load_course_t
    use hb_numbers, only: number_t, numbers_t
    use hb_problems, only: problems_t
    use hb_sine_course, only: sine_course_t
+   use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    use hb_structure_load, only: structure_load_t, timed_structure_load_t
    implicit none
@@ -175,59 +174,55 @@ contains
    end function load_is_zero
 
    !> In the frame of a base that moves by r a(t), the force is -M r a''.
-   subroutine load_add_to(self, structure, set, frequencies, loads, slopes)
+   subroutine load_add_to(self, structure, omega, loads, slopes)
       class(load_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: frequencies(:)
-      type(amplitudes_t), intent(inout) :: loads
-      type(amplitudes_t), intent(inout), optional :: slopes
-      complex(wp) :: c
-      integer :: h, power
+      real(wp), intent(in) :: omega(:)
+      type(spectrum_t), intent(inout) :: loads
+      type(spectrum_t), intent(inout), optional :: slopes
+      real(wp) :: frequency
+      integer :: power
 
-      h = set%index_of(self%tuple)
-      if (h == 0) return
-      c = self%amplitude%turned(is_constant=all(self%tuple == 0))
+      frequency = canonical_sign(self%tuple)*dot_product(omega, self%tuple)
       power = self%power + merge(2, 0, self%is_displacement)
-      call add_times(loads, merge(1.0_wp, abs(frequencies(h))**power, power == 0))
+      call add_times(loads, merge(1.0_wp, abs(frequency)**power, power == 0))
       if (present(slopes) .and. power > 0) &
-         call add_times(slopes, power*abs(frequencies(h))**(power - 1)*sign(1.0_wp, frequencies(h)))
+         call add_times(slopes, power*abs(frequency)**(power - 1)*sign(1.0_wp, frequency))
 
    contains
 
       subroutine add_times(sum_of_loads, factor)
-         type(amplitudes_t), intent(inout) :: sum_of_loads
+         type(spectrum_t), intent(inout) :: sum_of_loads
          real(wp), intent(in) :: factor
-         type(amplitudes_t) :: alone
-         type(error_t), allocatable :: error
-         real(wp) :: cosine(size(self%dofs)), sine(size(self%dofs))
+         complex(wp) :: all_dofs(structure%n_dofs), c
+         integer :: i
 
-         cosine = self%weights*real(c, wp)
-         sine = -self%weights*aimag(c)
+         c = self%amplitude%turned(is_constant=all(self%tuple == 0))
          if (.not. self%depends_on_structure()) then
-            call sum_of_loads%add_tuple(set, self%tuple, self%dofs, factor*cosine, factor*sine, error)
+            call sum_of_loads%add(self%tuple, factor*(self%weights*c), self%dofs)
             return
          end if
-         call new_amplitudes(alone, structure%n_dofs, set%n_harmonics)
-         call alone%add_tuple(set, self%tuple, self%dofs, cosine, sine, error)
-         call sum_of_loads%add(h, factor*merge(-1, 1, self%is_acceleration)*structure%mass_times(alone%of(h)))
+         all_dofs = (0.0_wp, 0.0_wp)
+         do i = 1, size(self%dofs)
+            all_dofs(self%dofs(i)) = all_dofs(self%dofs(i)) + self%weights(i)*c
+         end do
+         call sum_of_loads%add(self%tuple, factor*merge(-1, 1, self%is_acceleration)*structure%mass_times(all_dofs))
       end subroutine add_times
    end subroutine load_add_to
 
    !> The force is linear in its amplitude.
-   subroutine load_add_slope_to(self, number, structure, set, frequencies, slope, is_known)
+   subroutine load_add_slope_to(self, number, structure, omega, slope, is_known)
       class(load_t), intent(in) :: self
       type(number_t), intent(in) :: number
       type(structure_t), intent(in) :: structure
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: frequencies(:)
-      type(amplitudes_t), intent(inout) :: slope
+      real(wp), intent(in) :: omega(:)
+      type(spectrum_t), intent(inout) :: slope
       logical, intent(out) :: is_known
       type(load_t) :: unit
 
       unit = self
       call self%amplitude%slope(trim(number%key), all(self%tuple == 0), unit%amplitude, is_known)
-      if (is_known .and. .not. unit%amplitude%is_zero()) call unit%add_to(structure, set, frequencies, slope)
+      if (is_known .and. .not. unit%amplitude%is_zero()) call unit%add_to(structure, omega, slope)
    end subroutine load_add_slope_to
 
    subroutine load_find_course(self, structure, omega, course, amplitude)

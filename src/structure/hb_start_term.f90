@@ -1,11 +1,9 @@
 !> A term of a first guess: one tuple at some degrees of freedom.
 module hb_start_term
-   use hb_amplitudes, only: amplitudes_t
-   use hb_error, only: error_t
    use hb_harmonic_amplitude, only: harmonic_amplitude_t
-   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_numbers, only: numbered_t, numbers_t
+   use hb_spectrum, only: spectrum_t
    implicit none
    private
    public :: start_term_t
@@ -29,15 +27,11 @@ contains
       call self%amplitude%declare(numbers, "m")
    end subroutine start_term_declare_numbers
 
-   !> Adds the term to the others, unless the set does not have its tuple.
-   pure subroutine start_term_add_to(self, set, start)
+   !> Adds the term to the others.
+   pure subroutine start_term_add_to(self, start)
       class(start_term_t), intent(in) :: self
-      type(harmonics_t), intent(in) :: set
-      type(amplitudes_t), intent(inout) :: start                      !! [m]
-      type(error_t), allocatable :: error
-      complex(wp) :: c
+      type(spectrum_t), intent(inout) :: start                        !! [m]
 
-      c = self%amplitude%turned(is_constant=all(self%tuple == 0))
-      call start%add_tuple(set, self%tuple, self%dofs, self%weights*real(c, wp), -self%weights*aimag(c), error)
+      call start%add(self%tuple, self%weights*self%amplitude%turned(is_constant=all(self%tuple == 0)), self%dofs)
    end subroutine start_term_add_to
 end module hb_start_term

@@ -1,13 +1,12 @@
-!> A load on a structure, such as `load_t`: it declares its numbers (hb_numbers), and adds its harmonics to those of all loads as
-!> often as they change. Each kind is a group of an input, a row of src/structure_loads.txt. Readers, sweeps, curves, ties,
+!> A load on a structure, such as `load_t`: it declares its numbers (hb_numbers), and adds its spectrum to that of all loads as
+!> often as it changes. Each kind is a group of an input, a row of src/structure_loads.txt. Readers, sweeps, curves, ties,
 !> derivatives and time integration know no kind.
 module hb_structure_load
-   use hb_amplitudes, only: amplitudes_t
-   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_load_course, only: load_course_t, timed_load_t
    use hb_numbers, only: number_t, numbered_t
    use hb_problems, only: problems_t
+   use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    use hb_text, only: max_name
    implicit none
@@ -38,16 +37,14 @@ module hb_structure_load
    end type timed_structure_load_t
 
    abstract interface
-      !> Adds the load, with its present numbers, to the harmonics of all loads. It leaves out what the set of
-      !> harmonics does not have.
-      subroutine add_load(self, structure, set, frequencies, loads, slopes)
-         import :: amplitudes_t, harmonics_t, structure_load_t, structure_t, wp
+      !> Adds the load, with its present numbers, to the spectrum of all loads.
+      subroutine add_load(self, structure, omega, loads, slopes)
+         import :: spectrum_t, structure_load_t, structure_t, wp
          class(structure_load_t), intent(in) :: self
          type(structure_t), intent(in) :: structure
-         type(harmonics_t), intent(in) :: set
-         real(wp), intent(in) :: frequencies(:)                       !! j.omega [rad/s], (n_harmonics)
-         type(amplitudes_t), intent(inout) :: loads                   !! [N]
-         type(amplitudes_t), intent(inout), optional :: slopes        !! their derivatives by j.omega [N s]
+         real(wp), intent(in) :: omega(:)                             !! base frequencies [rad/s], (n_tones)
+         type(spectrum_t), intent(inout) :: loads                     !! [N]
+         type(spectrum_t), intent(inout), optional :: slopes          !! their derivatives by j.omega [N s]
       end subroutine add_load
 
       !> The course of a load that has one, and its amplitudes.
@@ -111,13 +108,12 @@ contains
 
    !> Adds the derivative of the load by one of its numbers. `is_known` is false if it does not know it: differences then take
    !> its place, which are exact for numbers in which the load is affine (`is_affine_in`).
-   subroutine structure_load_add_slope_to(self, number, structure, set, frequencies, slope, is_known)
+   subroutine structure_load_add_slope_to(self, number, structure, omega, slope, is_known)
       class(structure_load_t), intent(in) :: self
       type(number_t), intent(in) :: number                            !! one that it declares
       type(structure_t), intent(in) :: structure
-      type(harmonics_t), intent(in) :: set
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
-      type(amplitudes_t), intent(inout) :: slope                      !! [N by the unit of the number]
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
+      type(spectrum_t), intent(inout) :: slope                        !! [N by the unit of the number]
       logical, intent(out) :: is_known
 
       is_known = .false.

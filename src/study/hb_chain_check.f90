@@ -203,7 +203,7 @@ contains
       bare = self%source%model%options
       discretisation = self%source%model%discretisation
       if (self%source%layout%has_own_tuples) &
-         call set_to_level(discretisation, self%source%model%system, self%source%model%discretisation, bare, self%level, error)
+         call set_to_level(discretisation, self%source%model%system, bare, self%level, error)
       if (allocated(error)) return
       bare%may_integrate = .false.
       bare%solver%fallback = .false.

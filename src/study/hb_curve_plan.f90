@@ -1,5 +1,6 @@
 !> The group `&curve`: the moving value, its range, and the points that are located.
 module hb_curve_plan
+   use hb_amplitudes, only: amplitudes_t
    use hb_curve_request, only: curve_request_t
    use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t, parameter_t
@@ -423,16 +424,18 @@ contains
       type(located_response_t), intent(in) :: response
       type(error_t), allocatable, intent(out) :: error
       complex(wp) :: loads(system%structure%n_dofs), largest
+      type(amplitudes_t) :: all_loads
       integer :: h
 
       h = 0
       if (allocated(response%tuple)) h = discretisation%harmonics%index_of(response%tuple)
-      if (all(discretisation%loads%harmonics /= h) .or. h == 0) then
+      all_loads = system%loads_in(discretisation%harmonics)
+      if (all(all_loads%harmonics /= h) .or. h == 0) then
          call fail(error, "'"//response%name//"': name a harmonic that has a &load")
       else if (all(response%tuple == 0)) then
          call fail(error, "'"//response%name//"': a mean value has no phase")
       else
-         loads = discretisation%loads%of(h)
+         loads = all_loads%of(h)
          largest = loads(maxloc(abs(loads), dim=1))
          if (any(abs(aimag(loads*conjg(largest))) > rounding*abs(largest)**2)) &
             call fail(error, "'"//response%name//"': its loads have several phases")

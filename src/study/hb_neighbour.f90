@@ -5,7 +5,7 @@ module hb_neighbour
    use hb_branches, only: is_far_above
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: coarsen, level_t, transferred
+   use hb_level, only: coarsen, level_t, loaded_tuples, transferred
    use hb_model, only: model_t
    implicit none
    private
@@ -108,7 +108,7 @@ contains
          level = self%last
          call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
          if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%n_samples) > 1) & ! one tone costs little
-            call coarsen(model%system, model%discretisation, options, level)
+            call coarsen(model%system, options, loaded_tuples(model%system), level)
       end associate
    end subroutine neighbour_predict_level
 

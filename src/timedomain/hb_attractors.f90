@@ -39,7 +39,7 @@ contains
       if (allocated(error)) return
       each(1) = steady
       associate (omega => system%tones%omega, frequencies => discretisation%harmonics%frequencies(system%tones%omega))
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), frequencies, omega)
+         call new_integration_system(equations, system%structure, system%laws, system%load_spectrum, omega)
          size_of_motion = maxval(sum(abs(steady%averages), 1))
          if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))
          do i = 2, size(each)

@@ -7,7 +7,6 @@
 !> to it: if they diverge, the motion is unstable, and the difference says nothing. Source: docs/why/theory.md, section 7.
 module hb_departure
    use, intrinsic :: iso_fortran_env, only: int64
-   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_integrable_system, only: fastest_of, has_bounds_of
    use hb_integration_config, only: integration_config_t, integration_method
@@ -39,9 +38,8 @@ contains
 
    !> Difference between integration and motion at the degrees of freedom of the laws, root mean square, relative; negative
    !> if it is not known.
-   subroutine find_departure(system, discretisation, options, motion, max_work, departure)
+   subroutine find_departure(system, options, motion, max_work, departure)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: max_work                              !! in about a nanosecond
@@ -71,8 +69,7 @@ contains
          if (.not. rate*longest_transient >= enough_decay) return
          n_transient = ceiling(enough_decay/rate)
          call new_motion_series(series, motion%tuples, omega, motion%amplitudes)
-         call new_integration_system(equations, structure, laws, discretisation%loads%whole(), &
-                                     discretisation%harmonics%frequencies(omega), omega)
+         call new_integration_system(equations, structure, laws, system%load_spectrum, omega)
       end associate
       call series%at(series%phases([0.0_wp]), at_start, velocity)
       call new_integration_state(state, equations%n_dofs, equations%laws%n_states)

@@ -132,8 +132,7 @@ contains
       type(impact_orbit_t), intent(inout) :: self
 
       associate (model => self%model, omega => self%model%system%tones%omega)
-         call new_integration_system(self%system, model%system%structure, model%system%laws, model%discretisation%loads%whole(), &
-                                     model%discretisation%harmonics%frequencies(omega), omega)
+         call new_integration_system(self%system, model%system%structure, model%system%laws, model%system%load_spectrum, omega)
       end associate
    end subroutine build_system
 
@@ -690,6 +689,6 @@ contains
       class(impact_orbit_t), intent(inout) :: self
 
       if (associated(self%system)) deallocate (self%system)
-      call self%model%discretisation%clear()
+      call self%model%system%clear()
    end subroutine impact_orbit_destroy
 end module hb_impact_orbit

@@ -67,7 +67,7 @@ contains
       if (config%method /= stability_method%off) then
          call structure%check_matrices("stability", max_dense, error)
          if (allocated(error)) return
-         call new_integration_system(system, structure, laws, excitation%loads%whole(), excitation%frequencies, motion%tones%omega)
+         call new_integration_system(system, structure, laws, excitation%loads, motion%tones%omega)
          call new_motion_series(series, motion%tuples, motion%tones%omega, motion%amplitudes)
          stability%is_integrated = .true.
          limit = self%max_work(config, work_allowed)

@@ -52,7 +52,7 @@ contains
       integer :: i, n_failed, n_tries
       logical :: has_start
 
-      has_start = .not. discretisation%start%is_zero()
+      has_start = .not. options%start%spectrum%is_zero()
       n_tries = merge(size(start_perturbations), 1, any(system%tones%is_unknown) .and. .not. has_start)
       best = huge(1.0_wp)
       n_failed = 0
@@ -68,7 +68,7 @@ contains
          end if
          found = omega
          if (any(system%tones%is_unknown)) then
-            if (is_dead(discretisation, record, start_perturbations(i)*length_of(system), has_start)) then
+            if (is_dead(options, record, start_perturbations(i)*length_of(system), has_start)) then
                decayed = max(decayed, start_perturbations(i))
                cycle
             end if
@@ -106,11 +106,10 @@ contains
       frequencies = discretisation%harmonics%frequencies(omega)
       call system%structure%check_matrices("integration", max_dofs, error)
       if (allocated(error)) return
-      call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), frequencies, omega)
+      call new_integration_system(equations, system%structure, system%laws, system%load_spectrum, omega)
       call new_integration_state(state, equations%n_dofs, equations%laws%n_states)
-      if (.not. discretisation%start%is_zero()) then
-         state%q = sum(real(discretisation%start%values), 2)
-         state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
+      if (.not. options%start%spectrum%is_zero()) then
+         call options%start%spectrum%find_state(omega, state%q, state%v)
       else if (any(system%tones%is_unknown)) then
          ! Multiples of the golden ratio are equidistributed, so that no shape is missed
          state%q = perturbation*length_of(system)*[(scattered(2*i), i=1, equations%n_dofs)]
@@ -154,8 +153,8 @@ contains
    end function length_of
 
    !> Whether the motion has decayed relative to its start; false for a motion driven by loads.
-   pure logical function is_dead(discretisation, record, perturbation, has_start)
-      type(discretisation_t), intent(in) :: discretisation
+   pure logical function is_dead(options, record, perturbation, has_start)
+      type(options_t), intent(in) :: options
       type(integration_record_t), intent(in) :: record
       real(wp), intent(in) :: perturbation                            !! [m]
       logical, intent(in) :: has_start
@@ -164,7 +163,7 @@ contains
       is_dead = record%is_at_rest
       if (is_dead) return
       begun = perturbation
-      if (has_start) begun = maxval(abs(discretisation%start%values))
+      if (has_start) begun = maxval(abs(options%start%spectrum%values))
       associate (x => record%every_displacement)
          is_dead = maxval(maxval(x, dim=1) - minval(x, dim=1)) < decay_ratio*begun
       end associate

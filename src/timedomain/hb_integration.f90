@@ -73,14 +73,12 @@ contains
       if (allocated(error)) return
       allocate (frequencies, source=discretisation%harmonics%frequencies(self%omega))
       call find_timed_loads(system%loads, system%structure, self%omega, timed)
-      call new_integration_system(self%system, system%structure, system%laws, discretisation%loads%whole(), frequencies, &
-                                  self%omega, timed)
+      call new_integration_system(self%system, system%structure, system%laws, system%load_spectrum, self%omega, timed)
       call new_integration_state(self%state, self%system%n_dofs, self%system%laws%n_states)
       if (present(earlier)) then
          self%state = earlier
       else if (options%integration%start == integration_start%given) then
-         self%state%q = sum(real(discretisation%start%values), 2)
-         self%state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
+         call options%start%spectrum%find_state(self%omega, self%state%q, self%state%v)
       end if
       if (allocated(options%integration%displacement)) then
          self%state%q = self%state%q + options%integration%displacement
@@ -118,8 +116,7 @@ contains
       each(1) = content%assessment
       kind = 1
       do i = 1, size(each)
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     frequencies, system%tones%omega, timed)
+         call new_integration_system(equations, system%structure, system%laws, system%load_spectrum, system%tones%omega, timed)
          if (i == 1) then
             size_of_motion = maxval(abs(matmul(content%record%every_displacement, equations%laws%shape(options%output%dofs, :))))
             if (size_of_motion <= 0.0_wp) size_of_motion = max(equations%length, tiny(1.0_wp))

@@ -11,6 +11,7 @@ module hb_integration_system
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
    use hb_load_course, only: timed_load_t
+   use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    implicit none
    private
@@ -60,12 +61,11 @@ module hb_integration_system
 contains
 
    !> System from the parts of a model.
-   subroutine new_integration_system(self, structure, laws, loads, frequencies, omega, timed)
+   subroutine new_integration_system(self, structure, laws, loads, omega, timed)
       type(integration_system_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(law_box_t), intent(in) :: laws(:)
-      complex(wp), intent(in) :: loads(:, :)                          !! cos - i sin [N], (n_dofs, n_harmonics)
-      real(wp), intent(in) :: frequencies(:)                          !! j.omega [rad/s], (n_harmonics)
+      type(spectrum_t), intent(in) :: loads                           !! [N]
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       type(timed_load_t), intent(in), optional :: timed(:)            !! further loads
       type(coordinate_scales_t) :: scales
@@ -76,7 +76,7 @@ contains
       self%structure = structure
       call self%structure%unpack()
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
-      call new_integration_loads(self%loads, loads, frequencies)
+      call new_integration_loads(self%loads, loads%values, loads%frequencies(omega))
       if (present(timed)) call append_courses(self%loads, timed)
       allocate (self%response(self%n_dofs), source=0.0_wp)
       do i = 1, size(laws)
@@ -85,7 +85,7 @@ contains
       highest = self%loads%highest_frequency()
       do i = 1, structure%n_dofs
          associate (k => abs(self%structure%stiffness(i, i)) + highest**2*self%structure%mass(i, i))
-            if (k > 0.0_wp) self%response(i) = (sum(abs(loads(i, :))) + sum(abs(self%loads%amplitude(i, :))))/k
+            if (k > 0.0_wp) self%response(i) = (sum(abs(loads%values(i, :))) + sum(abs(self%loads%amplitude(i, :))))/k
          end associate
       end do
       self%length = max(self%length, maxval(self%response))

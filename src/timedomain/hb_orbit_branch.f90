@@ -21,10 +21,10 @@ module hb_orbit_branch
    use hb_harmonics, only: harmonics_t
    use hb_impact_gradient, only: store_slopes
    use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
-   use hb_integrate_to_tolerance, only: loaded_tuples, status_within, store_lines
+   use hb_integrate_to_tolerance, only: driven_tuples, status_within, store_lines
    use hb_integrated_result, only: store_integrated
    use hb_kinds, only: wp
-   use hb_level, only: level_of, level_t, set_to_harmonics
+   use hb_level, only: level_of, level_t
    use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -246,7 +246,7 @@ contains
       allocate (self%model%options%gradient%by(0))                    ! `describe` finds them, from the orbit
       self%set = self%model%discretisation%harmonics
       associate (accuracy => self%model%options%accuracy)
-         if (accuracy%is_on) call new_lowest_set(self%set, 1, loaded_tuples(self%model%discretisation), error, &
+         if (accuracy%is_on) call new_lowest_set(self%set, 1, driven_tuples(self%model%system, self%model%options), error, &
             min(max_candidates, max(16, ceiling(4.0_wp*accuracy%tolerance**(-2.0_wp/3.0_wp)))))
       end associate
    end subroutine orbit_branch_adopt_level
@@ -467,7 +467,7 @@ contains
       call self%orbit%set_parameters([1], x(size(x):), is_possible)
       series%set => self%set
       series%omega = self%orbit%model%system%tones%omega
-      series%load = response%largest_load(self%orbit%model%discretisation)
+      series%load = response%largest_load(self%orbit%model%system, self%orbit%model%discretisation%harmonics)
       allocate (series%c(0))
       if (is_possible) series%c = self%orbit%series_of(series%set, response%dof, x(:size(x) - 1))
    end subroutine orbit_branch_find_series
@@ -544,7 +544,7 @@ contains
          options = orbit%model%options
          coordinates = coordinates_of(orbit%model%system)
          if (accuracy%is_on) then
-            call set_to_harmonics(here, orbit%model%discretisation, self%set)
+            here%harmonics = self%set
             options%integration%aim = accuracy%tolerance
          end if
          call orbit%describe(here, options, coordinates, point%x(:n), steady, is_done)
@@ -598,6 +598,6 @@ contains
       class(orbit_branch_t), intent(inout) :: self
 
       call self%orbit%destroy()
-      call self%model%discretisation%clear()
+      call self%model%system%clear()
    end subroutine orbit_branch_destroy
 end module hb_orbit_branch

@@ -28,6 +28,7 @@ module hb_steady_windows
    use hb_record_share, only: amplitude_of, as_real, distance_of, largest_in_parts, largest_share, remainder_of, scale_of
    use hb_recurrence, only: repetition, turns_to_repeat
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_spectrum, only: spectrum_t
    use hb_stability, only: stability_t, stability_verdict => verdict
    use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense
@@ -238,13 +239,12 @@ contains
       call system%structure%check_matrices("integration", max_dense, error)
       if (allocated(error)) return
       associate (equations => self%equations)
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), self%frequencies, &
-                                     system%tones%omega)
+         call new_integration_system(equations, system%structure, system%laws, system%load_spectrum, system%tones%omega)
          self%rest = rounding*sums_of_terms(self%coordinates, equations%response(self%coordinates%dofs))
          if (present(start)) then
             state = start
          else
-            call begin(discretisation, self%frequencies, equations, state)
+            call begin(options%start%spectrum, system%tones%omega, equations, state)
          end if
          self%period = two_pi/minval(system%tones%omega)
          self%step = sample_step(system, discretisation, options)
@@ -447,18 +447,15 @@ contains
       end associate
    end function is_final
 
-   subroutine begin(discretisation, frequencies, system, state)
-      type(discretisation_t), intent(in) :: discretisation
-      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+   subroutine begin(start, omega, system, state)
+      type(spectrum_t), intent(in) :: start                           !! [m]
+      real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       type(integration_system_t), intent(in) :: system
       type(integration_state_t), intent(out) :: state
       integer :: i
 
       call new_integration_state(state, system%n_dofs, system%laws%n_states)
-      if (.not. discretisation%start%is_zero()) then
-         state%q = sum(real(discretisation%start%values), 2)
-         state%v = matmul(-aimag(discretisation%start%values), frequencies(discretisation%start%harmonics))
-      end if
+      if (.not. start%is_zero()) call start%find_state(omega, state%q, state%v)
       state%q = state%q + start_perturbation*system%length*[(scattered(i), i=1, system%n_dofs)]
    end subroutine begin
 

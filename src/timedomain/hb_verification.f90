@@ -253,8 +253,7 @@ contains
       associate (omega => claim%omega, amplitudes => claim%amplitudes, equations => self%system)
          tuples = real(claim%tuples, wp)
          frequencies = matmul(omega, tuples)
-         call new_integration_system(equations, system%structure, system%laws, discretisation%loads%whole(), &
-                                     discretisation%harmonics%frequencies(omega), omega)
+         call new_integration_system(equations, system%structure, system%laws, system%load_spectrum, omega)
          length = equations%length
          call choose_length(self%length, system, options, claim, n_periods)
          step = self%length%period/self%length%n_samples

@@ -192,7 +192,7 @@ contains
       coordinates = coordinates_of(model%system)
       call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, &
                                  basis%harmonics%frequencies(model%system%tones%omega), &
-         model%discretisation%loads%at(basis%positions), error)
+         model%system%loads_in(basis%harmonics), error)
       if (.not. allocated(error)) call new_balance(balance, basis%harmonics, basis%torus, model%system%tones%omega, stiffness, &
          laws_at(coordinates, model%system%laws), error)
    end subroutine make_balance

@@ -23,7 +23,7 @@ contains
 
       associate (frequencies => model%discretisation%harmonics%frequencies(model%system%tones%omega))
          call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), frequencies, &
-                                    model%discretisation%loads, error)
+                                    model%system%loads_in(model%discretisation%harmonics), error)
          if (allocated(error)) return
          call new_balance(balance, model%discretisation%harmonics, model%discretisation%torus, model%system%tones%omega, &
                           stiffness, laws_at(stiffness%coordinates, model%system%laws), error)
@@ -41,8 +41,9 @@ contains
 
       associate (frequencies => model%discretisation%harmonics%frequencies(omega))
          call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), frequencies, &
-                                    model%discretisation%loads, error, &
-                                 wanted_slopes_t(.true., loads=model%discretisation%load_slopes))
+                                    model%system%loads_in(model%discretisation%harmonics), error, &
+                                    wanted_slopes_t(.true., &
+                                                    loads=model%system%load_slopes_in(model%discretisation%harmonics)))
          if (allocated(error)) return
          call new_balance(balance, model%discretisation%harmonics, model%discretisation%torus, omega, stiffness, &
                           laws_at(stiffness%coordinates, model%system%laws), error)

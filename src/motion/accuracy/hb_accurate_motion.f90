@@ -3,12 +3,13 @@
 !> Source: docs/why/accuracy.md.
 module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
+   use hb_amplitudes, only: amplitudes_t
    use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, point_conditions_t, stage
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrate_to_tolerance, only: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples
+   use hb_integrate_to_tolerance, only: driven_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first
    use hb_kinds, only: wp
    use hb_level, only: degree_of, distance, estimate_of, level_t
    use hb_model, only: model_t
@@ -374,6 +375,7 @@ contains
    !> How far the amplitudes of a motion are from those of a given start of the oscillation, relative to these; 0 without one.
    real(wp) function distance_from_start(motion) result(distance)
       type(refined_motion_t), intent(in) :: motion
+      type(amplitudes_t) :: start
       type(coordinates_t) :: coordinates
       complex(wp), allocatable :: given(:, :)                         ! (coordinates, n_harmonics)
       real(wp), allocatable :: u(:, :)
@@ -381,9 +383,10 @@ contains
       integer :: d, h, k
 
       distance = 0.0_wp
-      if (motion%discretisation%start%is_zero()) return
+      start = motion%options%start%spectrum%in_set(motion%discretisation%harmonics)
+      if (start%is_zero()) return
       coordinates = coordinates_of(motion%system)
-      given = coordinates%amplitudes_of(motion%discretisation%start%whole())
+      given = coordinates%amplitudes_of(start%whole())
       sum_of_differences = 0.0_wp
       sum_of_given = 0.0_wp
       associate (set => motion%top%set, whole => motion%discretisation%harmonics)
@@ -418,7 +421,7 @@ contains
             top%set = discretisation%harmonics
             top%n_samples = discretisation%torus%n_samples
             if (rule%row == attempt_row%larger_first_set .or. rule%row == attempt_row%smaller_first_set) &
-               call other_first(system, discretisation, rule%row == attempt_row%larger_first_set, top, self%error)
+               call other_first(system, options, rule%row == attempt_row%larger_first_set, top, self%error)
             if (allocated(self%error)) return
             self%solver%level_options%may_integrate = options%may_integrate .and. &
                (options%start%from_integration .or. any(system%tones%is_unknown) .or. .not. options%accuracy%grows_set)
@@ -478,9 +481,9 @@ contains
    end function evaluations_of_guess
 
    !> Another lowest level, if the motion was not found on the first one: a larger or a smaller box.
-   subroutine other_first(system, discretisation, is_larger, level, error)
+   subroutine other_first(system, options, is_larger, level, error)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       logical, intent(in) :: is_larger
       type(level_t), intent(inout) :: level
       type(error_t), allocatable, intent(out) :: error
@@ -489,7 +492,7 @@ contains
 
       order = lowest_order(system%tones%n_tones)
       order = merge(order + (order + 1)/2, max(1, order - 2), is_larger)
-      allocate (loaded, source=loaded_tuples(discretisation))
+      allocate (loaded, source=driven_tuples(system, options))
       call new_lowest_set(level%set, system%tones%n_tones, loaded, error, order)
       if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))
    end subroutine other_first

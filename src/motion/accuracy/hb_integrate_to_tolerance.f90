@@ -4,6 +4,7 @@
 !> is integrated either before any balance is tried, from rest, or from the motion at which the sequence of orders of
 !> the balance ended above the tolerance: that motion is nearly steady from the beginning.
 module hb_integrate_to_tolerance
+   use hb_amplitudes, only: amplitudes_t
    use hb_budget, only: budget_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
@@ -13,7 +14,7 @@ module hb_integrate_to_tolerance
    use hb_integrated_result, only: guess_from, store_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_harmonics, set_to_level
+   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_level
    use hb_modes, only: slowest_decay
    use hb_motion, only: start_from
    use hb_motion_description, only: request_stability
@@ -23,6 +24,7 @@ module hb_integrate_to_tolerance
    use hb_outcome, only: is_integrated, outcome, reason
    use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
+   use hb_spectrum, only: spectrum_t
    use hb_stability, only: few_periods, harmonic_motion_t, stability_config_t, stability_method, stability_t, &
       stability_verdict => verdict
    use hb_steady_motion, only: steady_motion_t
@@ -34,7 +36,7 @@ module hb_integrate_to_tolerance
    use hb_tuple_choice, only: largest_indices, lowest_order, new_lowest_set
    implicit none
    private
-   public :: integrate_from_balance, integrate_to_tolerance, integrates_first, loaded_tuples, status_within, store_lines
+   public :: driven_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first, status_within, store_lines
 
    integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
    real(wp), parameter :: share_of_several = 1.0_wp/3.0_wp          ! of the work, under three tones or more: more rarely decides
@@ -45,8 +47,7 @@ module hb_integrate_to_tolerance
    !> A motion found by time integration whose candidates for a set are refined.
    type, extends(refinable_t) :: refined_record_t
       type(system_t), pointer :: system => null()
-      type(discretisation_t), pointer :: whole => null()              ! has all loads
-      type(discretisation_t) :: here                                  ! the candidates tried last
+      type(discretisation_t) :: discretisation                        ! with the candidates tried last
       type(options_t) :: options                                      ! with the aim of the integration
       type(coordinates_t) :: coordinates
       type(harmonics_t) :: candidates
@@ -142,7 +143,7 @@ contains
       logical, intent(out) :: is_other                                !! another motion is accepted
       type(motion_result_t) :: integrated
       type(level_t) :: found
-      type(discretisation_t) :: from
+      type(options_t) :: from                                         ! with the motion of the level as the start
       type(steady_motion_t) :: steady
       real(wp) :: apart, estimate, estimate_before
       logical :: is_struck, is_there
@@ -151,10 +152,11 @@ contains
       if (.not. (options%solver%fallback .and. options%solver%fallback_by_integration .and. can_integrate(system, options))) &
          return
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
-      call start_on(system, discretisation, options, top, from, is_there)
+      from = options
+      call start_on(system, discretisation, options, top, from%start%spectrum, is_there)
       if (.not. is_there) return
       integrated%work_spent = result%work_spent
-      call integration(system, from, options, steady, integrated, found)
+      call integration(system, discretisation, from, steady, integrated, found)
       result%work = result%work + steady%work
       if (verdict_on_work() == verdict%interrupted) result%status = outcome%interrupted
       if (work_is_over()) return                      ! there is a motion even without time left
@@ -170,7 +172,7 @@ contains
          apart = distance(top, found, measure_of(system), .false.)
          is_other = estimate_before < reliable .and. apart > safety*(estimate + estimate_before)
          if (is_other) then                                           ! a stable one may have a basin smaller than its error
-            if (estimate > options%accuracy%tolerance .or. is_stable(system, from, options, steady%work)) then
+            if (estimate > options%accuracy%tolerance .or. is_stable(system, discretisation, from, steady%work)) then
                result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
                is_other = .false.
                return
@@ -194,8 +196,7 @@ contains
       result = integrated
    end subroutine integrate_from_balance
 
-   !> Whether disturbances of the motion that a discretisation has as its start are known to decay: of one tone those of the
-   !> periodic motion next to it.
+   !> Whether disturbances of the motion at the start are known to decay: of one tone those of the periodic motion next to it.
    logical function is_stable(system, discretisation, options, max_work)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -209,10 +210,9 @@ contains
       config%patience = 1.0_wp
       config%min_periods = few_periods
       config%is_integrated = .true.
-      associate (start => discretisation%start)
-         call request_stability(system, discretisation, options, config, &
-                                harmonic_motion_t(discretisation%harmonics%tuples(:, start%harmonics), system%tones, &
-                                                  start%values), max_work, stability)
+      associate (start => options%start%spectrum)
+         call request_stability(system, options, config, harmonic_motion_t(start%tuples, system%tones, start%values), max_work, &
+                                stability)
       end associate
       is_stable = stability%verdict == stability_verdict%stable
    end function is_stable
@@ -299,21 +299,21 @@ contains
          .not. any(system%tones%is_unknown) .and. .not. system%normal_mode%is_requested
    end function can_integrate
 
-   !> Sets the motion of a level as the start on it, in all degrees of freedom.
-   subroutine start_on(system, discretisation, options, level, from, is_there)
+   !> The motion of a level in all degrees of freedom.
+   subroutine start_on(system, discretisation, options, level, start, is_there)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
-      type(discretisation_t), intent(out) :: from
+      type(spectrum_t), intent(out) :: start
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
       type(discretisation_t) :: here
 
       here = discretisation
-      call set_to_level(here, system, discretisation, options, level, error)
+      call set_to_level(here, system, options, level, error)
       is_there = .not. allocated(error)
-      if (is_there) call start_from(system, here, options, level%unknowns, from, is_there)
+      if (is_there) call start_from(system, here, options, level%unknowns, start, is_there)
    end subroutine start_on
 
    !> Integrates with candidates in a box, then in a box of twice the order if the misfit is too large, and stores the
@@ -329,8 +329,7 @@ contains
       type(refined_record_t) :: record
 
       record%system => system
-      record%whole => discretisation
-      record%here = discretisation
+      record%discretisation = discretisation
       record%options = options
       record%options%integration%aim = sqrt(1.0_wp - share_of_tail**2)*options%accuracy%tolerance
       record%options%integration%tolerance = max(options%integration%tolerance, well_solved*record%options%integration%aim)
@@ -345,7 +344,7 @@ contains
       end associate
       record%max_failures = huge(1)
       record%result = result
-      call new_lowest_set(record%candidates, system%tones%n_tones, loaded_tuples(discretisation), record%error, record%order)
+      call new_lowest_set(record%candidates, system%tones%n_tones, driven_tuples(system, options), record%error, record%order)
       if (.not. allocated(record%error)) call refine(record)
       steady = record%steady
       steady%work = record%budget%spent
@@ -366,9 +365,9 @@ contains
       type(steady_motion_t) :: steady
 
       is_solved = .false.
-      call set_to_harmonics(self%here, self%whole, self%candidates)
+      self%discretisation%harmonics = self%candidates
       self%options%integration%max_work = 0.5_wp*self%budget%left()
-      call self%options%callbacks%time_domain_solver%find_steady_motion(self%system, self%here, self%options, &
+      call self%options%callbacks%time_domain_solver%find_steady_motion(self%system, self%discretisation, self%options, &
                                                                         self%coordinates%dofs, steady, self%error)
       call self%budget%spend(steady%work)
       steady%work = self%budget%spent
@@ -385,7 +384,7 @@ contains
                              .not. shows_returns(self%system, self%options))
       if (work_is_over() .or. .not. is_solved) return
       result = self%result
-      call store_lines(self%system, self%here, self%options, self%coordinates, self%capacity, steady, result, found)
+      call store_lines(self%system, self%discretisation, self%options, self%coordinates, self%capacity, steady, result, found)
       self%n_found = self%n_found + 1
       if (self%n_found == 1 .or. estimate_of(result) < self%estimate) then
          self%steady = steady
@@ -404,12 +403,13 @@ contains
 
       is_there = .false.
       self%order = 2*self%order
-      call new_lowest_set(self%candidates, self%system%tones%n_tones, loaded_tuples(self%whole), self%error, self%order)
+      call new_lowest_set(self%candidates, self%system%tones%n_tones, driven_tuples(self%system, self%options), self%error, &
+                          self%order)
       if (allocated(self%error)) return
       if (self%candidates%n_harmonics > candidates_of_retained*self%capacity) return
       is_there = self%budget%left() > 0.0_wp
       if (.not. is_there .and. self%n_found == 0 .and. self%steady%status /= outcome%subharmonic) &
-         call leave_open(self%steady, self%here%harmonics%n_harmonics)
+         call leave_open(self%steady, self%discretisation%harmonics%n_harmonics)
    end subroutine refined_record_choose
 
    logical function refined_record_is_accurate(self) result(is_accurate)
@@ -475,14 +475,16 @@ contains
       real(wp) :: carried(discretisation%harmonics%n_harmonics), tail
       logical :: is_retained(discretisation%harmonics%n_harmonics), is_needed(discretisation%harmonics%n_harmonics)
       integer, allocatable :: positions(:)
+      type(amplitudes_t) :: loads
       integer :: h, k
 
       carried = 0.0_wp
       do k = 1, size(steady%averages, 2)
          carried = max(carried, abs(steady%averages(:, k))/max(norm2(abs(steady%averages(:, k))), tiny(1.0_wp)))
       end do
+      loads = system%loads_in(discretisation%harmonics)
       is_needed = [(sum(abs(discretisation%harmonics%tuples(:, h))) <= 1 .or. &
-                    .not. discretisation%loads%is_zero_at(h), h=1, size(carried))]
+                    .not. loads%is_zero_at(h), h=1, size(carried))]
       tail = share_of_tail*options%accuracy%tolerance
       allocate (positions, source=largest_indices(merge(huge(1.0_wp), carried, is_needed), tail, capacity))
       is_retained = .false.
@@ -491,7 +493,7 @@ contains
       call new_harmonics(found%set, discretisation%harmonics%tuples(:, positions), error)
       if (allocated(error)) return                                    ! impossible: they are tuples of a set
       here = discretisation
-      call set_to_harmonics(here, discretisation, found%set)
+      here%harmonics = found%set
       retained = steady
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
@@ -504,13 +506,13 @@ contains
    end subroutine store_lines
 
    !> Tuples that have a load or a first guess.
-   pure function loaded_tuples(discretisation) result(tuples)
-      type(discretisation_t), intent(in) :: discretisation
+   pure function driven_tuples(system, options) result(tuples)
+      type(system_t), intent(in) :: system
+      type(options_t), intent(in) :: options
       integer, allocatable :: tuples(:, :)
-      integer :: h
 
-      tuples = discretisation%harmonics%tuples(:, pack([(h, h=1, discretisation%harmonics%n_harmonics)], &
-         [(.not. (discretisation%loads%is_zero_at(h) .and. discretisation%start%is_zero_at(h)), h=1, &
-           discretisation%harmonics%n_harmonics)]))
-   end function loaded_tuples
+      associate (loads => system%load_spectrum%nonzero_tuples(), start => options%start%spectrum%nonzero_tuples())
+         tuples = reshape([loads, start], [system%tones%n_tones, size(loads, 2) + size(start, 2)])
+      end associate
+   end function driven_tuples
 end module hb_integrate_to_tolerance

@@ -21,8 +21,8 @@ module hb_level
    implicit none
    private
    public :: apply_safety_factor, caution, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, &
-      estimate_of_motion, estimate_of_wanted, is_rigid, join, level_of, level_t, margin, max_failures, min_goal, needed_samples, &
-      set_to_harmonics, set_to_level, transferred, trim_for_neighbour, trim_set
+      estimate_of_motion, estimate_of_wanted, is_rigid, join, level_of, level_t, loaded_tuples, margin, max_failures, min_goal, &
+      needed_samples, set_to_level, transferred, trim_for_neighbour, trim_set
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -54,10 +54,10 @@ contains
 
    !> Chooses the next level, with the motion of this one as first guess; without a motion if nothing can be changed, the
    !> limits are reached, or the motion is exact: there is no next level then.
-   subroutine choose_next(system, discretisation, options, result, top, goal, n_failures, next)
+   subroutine choose_next(system, options, required, result, top, goal, n_failures, next)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)                           !! tuples that remain in the set, (n_tones, any)
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! for the estimated error
@@ -71,7 +71,7 @@ contains
       next%set = top%set
       next%n_samples = top%n_samples
       if (options%accuracy%grows_set) &
-         call choose_set(discretisation, options, result, top, goal, n_failures == max_failures - 1 .or. &
+         call choose_set(options, required, result, top, goal, n_failures == max_failures - 1 .or. &
          raised_by(result)*result%error_estimate%truncation >= merge(reliable, max_removable, n_failures == 0), next%set, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
@@ -168,9 +168,9 @@ contains
    end subroutine apply_first_order_correction
 
    !> Chooses the set of the next level.
-   subroutine choose_set(discretisation, options, result, top, goal, as_box, set, error)
-      type(discretisation_t), intent(in) :: discretisation
+   subroutine choose_set(options, required, result, top, goal, as_box, set, error)
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)
       type(motion_result_t), intent(in) :: result
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! for the estimated error
@@ -191,7 +191,7 @@ contains
       end if
       allocate (carried, source=top%set%norms(coefficients_of(top)))
       carried = carried/max(norm2(carried), tiny(1.0_wp))
-      is_needed = [(is_needed_at(discretisation, options, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
+      is_needed = [(is_needed_at(options, required, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
       if (allocated(result%error_estimate%neglected)) then
          around = result%error_estimate%around
          neglected = result%error_estimate%neglected
@@ -224,16 +224,16 @@ contains
 
    !> Removes from a solved level what a neighbour can omit: tuples that together contribute a small share of the tolerance, and
    !> samples without which aliasing stays within its share of the tolerance.
-   subroutine trim_for_neighbour(system, discretisation, options, result, level)
+   subroutine trim_for_neighbour(system, options, required, result, level)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)                           !! tuples that remain in the set, (n_tones, any)
       type(motion_result_t), intent(in) :: result                     !! on the level
       type(level_t), intent(inout) :: level
       real(wp) :: allowed                                             ! error by aliasing
       real(wp) :: density                                             ! of samples, relative to the present one
 
-      call trim_set(discretisation, options, minor, level)
+      call trim_set(options, required, minor, level)
       if (.not. options%accuracy%refines_grid) return
       density = 1.0_wp
       if (degree_of(system) == 0) then
@@ -246,22 +246,22 @@ contains
 
    !> Leaves of a level what is its motion to a few tolerances: a small set from which that of the next point grows. The grid is
    !> the coarsest one for that set.
-   subroutine coarsen(system, discretisation, options, level)
+   subroutine coarsen(system, options, required, level)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)                           !! tuples that remain in the set, (n_tones, any)
       type(level_t), intent(inout) :: level
       real(wp), parameter :: max_excess_in_tolerances = 3.0_wp        ! tolerances
 
-      call trim_set(discretisation, options, max_excess_in_tolerances, level)
+      call trim_set(options, required, max_excess_in_tolerances, level)
       if (options%accuracy%refines_grid) &
          level%n_samples = min(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
    end subroutine coarsen
 
    !> Removes from a level the tuples that together contribute at most a share of the tolerance.
-   subroutine trim_set(discretisation, options, share, level)
-      type(discretisation_t), intent(in) :: discretisation
+   subroutine trim_set(options, required, share, level)
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)                           !! tuples that remain in the set, (n_tones, any)
       real(wp), intent(in) :: share
       type(level_t), intent(inout) :: level
       type(level_t) :: trimmed
@@ -273,7 +273,7 @@ contains
       allocate (amplitudes, source=level%set%norms(coefficients_of(level)))
       amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
       do h = 1, level%set%n_harmonics
-         if (is_needed_at(discretisation, options, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
+         if (is_needed_at(options, required, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
       allocate (retained, source=largest_indices(amplitudes, share*options%accuracy%tolerance, size(amplitudes)))
       if (size(retained) == size(amplitudes)) return
@@ -286,10 +286,10 @@ contains
 
    !> Chooses a smaller set and a coarser grid for a motion that is far more accurate than requested; `is_smaller` is
    !> true if the saving is worth the change.
-   subroutine choose_smaller(system, discretisation, options, level, is_smaller)
+   subroutine choose_smaller(system, options, required, level, is_smaller)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)                           !! tuples that remain in the set, (n_tones, any)
       type(level_t), intent(inout) :: level
       logical, intent(out) :: is_smaller
       integer, allocatable :: least(:), n_samples(:)
@@ -297,7 +297,7 @@ contains
 
       n_harmonics = level%set%n_harmonics
       allocate (n_samples, source=level%n_samples)
-      if (options%accuracy%grows_set) call trim_set(discretisation, options, minor, level)
+      if (options%accuracy%grows_set) call trim_set(options, required, minor, level)
       if (options%accuracy%refines_grid) then
          allocate (least, source=needed_samples(level%set%highest, degree_of(system)))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
@@ -342,10 +342,10 @@ contains
       if (allocated(position%n_samples)) level%n_samples = position%n_samples
    end function level_of
 
-   !> Whether a set must contain a tuple: the mean value, the fundamentals, and tuples with loads.
-   pure logical function is_needed_at(discretisation, options, tuple) result(is_needed)
-      type(discretisation_t), intent(in) :: discretisation
+   !> Whether a set must contain a tuple: the mean value, the fundamentals, outputs, and what else is required.
+   pure logical function is_needed_at(options, required, tuple) result(is_needed)
       type(options_t), intent(in) :: options
+      integer, intent(in) :: required(:, :)
       integer, intent(in) :: tuple(:)
       integer :: h
 
@@ -357,37 +357,36 @@ contains
             end associate
          end do
       end if
-      h = discretisation%harmonics%index_of(tuple)
-      if (h > 0 .and. .not. is_needed) is_needed = .not. discretisation%loads%is_zero_at(h)
+      do h = 1, size(required, 2)
+         is_needed = is_needed .or. all(required(:, h) == tuple) .or. all(required(:, h) == -tuple)
+      end do
    end function is_needed_at
 
+   !> Tuples with loads, which remain in the sets of a motion, (n_tones, any).
+   pure function loaded_tuples(system) result(tuples)
+      type(system_t), intent(in) :: system
+      integer, allocatable :: tuples(:, :)
+
+      tuples = system%load_spectrum%nonzero_tuples()
+   end function loaded_tuples
+
    !> Sets a discretisation to the set and the grid of a level.
-   subroutine set_to_level(here, system, whole, options, level, error)
+   subroutine set_to_level(here, system, options, level, error)
       type(discretisation_t), intent(inout) :: here
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: whole                     !! has all loads
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       type(error_t), allocatable, intent(out) :: error
 
-      call set_to_harmonics(here, whole, level%set)
+      logical :: corrects_kinks
+
+      corrects_kinks = here%torus%corrects_kinks
+      here%harmonics = level%set
       call new_torus(here%torus, level%n_samples, level%set, error)
       if (allocated(error)) return
-      here%torus%corrects_kinks = whole%torus%corrects_kinks
+      here%torus%corrects_kinks = corrects_kinks
       call check_memory(sizes_of(system, here, options), options%memory_limit, error)
    end subroutine set_to_level
-
-   !> Sets a discretisation to another set of harmonics.
-   subroutine set_to_harmonics(here, whole, set)
-      type(discretisation_t), intent(inout) :: here
-      type(discretisation_t), intent(in) :: whole                     !! has all loads
-      type(harmonics_t), intent(in) :: set
-
-      here%harmonics = set
-      here%loads = whole%loads%in_set(whole%harmonics, set)
-      here%load_slopes = whole%load_slopes%in_set(whole%harmonics, set)
-      here%start = whole%start%in_set(whole%harmonics, set)
-   end subroutine set_to_harmonics
 
    !> Coefficients (n_coefficients, coordinates) of the motion of a level.
    pure function coefficients_of(level) result(u)

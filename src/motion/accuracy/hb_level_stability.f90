@@ -5,7 +5,7 @@ module hb_level_stability
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of_motion, level_t, set_to_harmonics, set_to_level
+   use hb_level, only: estimate_of_motion, level_t, set_to_level
    use hb_level_solver, only: solve_level
    use hb_motion, only: solve_system
    use hb_motion_description, only: add_stability_of, allow_for_growth, compare_with_refined
@@ -25,7 +25,7 @@ contains
    !> Solves the last level again, with stability and samples of the motion.
    subroutine add_stability(system, discretisation, options, top, tolerance, work_spent, compares, result)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation            !! has all loads
+      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: tolerance                               !! residual of the motion
@@ -49,22 +49,22 @@ contains
       if (alone%stability%method == stability_method%auto) alone%stability%min_periods = few_periods
       here = discretisation
       guess = top%unknowns
-      if (size(options%output%samples) == 0) call base%choose(system, discretisation, alone, top, guess) ! else over given phases
+      if (size(options%output%samples) == 0) call base%choose(system, alone, top, guess) ! else over given phases
       if (.not. base%is_on) then
-         call set_to_level(here, system, discretisation, alone, top, error)
+         call set_to_level(here, system, alone, top, error)
          if (.not. allocated(error)) call solve_system(system, here, alone, whole, error, guess)
       else
-         call set_to_harmonics(here, discretisation, top%set)
+         here%harmonics = top%set
          call solve_for_all_dofs(system, discretisation, alone, top, whole, error)
          if (.not. allocated(error) .and. whole%status == outcome%converged) &
-            call add_stability_of(system, here, alone, motion_of(top%set, system%tones, whole), whole)
+            call add_stability_of(system, alone, motion_of(top%set, system%tones, whole), whole)
       end if
       if (allocated(error) .or. whole%status /= outcome%converged) return
       if (result%status == outcome%converged) then
          result%stability = whole%stability
          tones = system%tones
          tones%omega = result%frequency
-         call compare_with_refined(system, here, alone, tones, result%error_estimate, result%stability)
+         call compare_with_refined(system, alone, tones, result%error_estimate, result%stability)
          call allow_for_growth(result, options%accuracy%tolerance)
          call allow_for_departure(whole%departure, options%accuracy%tolerance, result)
       end if

@@ -12,7 +12,7 @@ module hb_refined_motion
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_level, only: caution, choose_next, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, level_t, &
-      margin, max_failures, min_goal, trim_for_neighbour, trim_set
+      loaded_tuples, margin, max_failures, min_goal, trim_for_neighbour, trim_set
    use hb_level_solver, only: level_solver_t, solver_tolerance
    use hb_level_stability, only: add_stability
    use hb_motion_result, only: effort_t, motion_result_t
@@ -33,12 +33,13 @@ module hb_refined_motion
    !> by its owner, into `top` and `result`.
    type, extends(refinable_t) :: refined_motion_t
       type(system_t), pointer :: system => null()
-      type(discretisation_t), pointer :: discretisation => null()     !! as given: has all loads
+      type(discretisation_t), pointer :: discretisation => null()     !! as given
       type(options_t), pointer :: options => null()
       type(level_solver_t) :: solver                                  !! of all levels of the point
       type(level_t) :: start                                          !! of a neighbour; none if it has no unknowns
       type(level_t) :: top                                            !! solved last; none is solved if it has no unknowns
       type(motion_result_t) :: result                                 !! there
+      integer, allocatable, private :: required(:, :)                 ! tuples of all levels, (n_tones, any)
       type(level_t), private :: next, best_top
       type(motion_result_t), private :: best
       real(wp), private :: own_estimate = 0.0_wp                      ! of the motion solved last, without other levels
@@ -68,6 +69,7 @@ contains
       self%system => system
       self%discretisation => discretisation
       self%options => options
+      self%required = loaded_tuples(system)
       self%max_idle = max_idle
       self%max_failures = max_failures
       call self%solver%prepare(system, discretisation, options)
@@ -90,9 +92,9 @@ contains
          if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. self%result%status == outcome%converged) .or. &
              size(options%gradient%by) > 0) return                     ! which is that of the whole set
          if (self%system%tones%n_tones == 1) then                     ! whose grids cost little
-            call trim_set(self%discretisation, options, minor, self%top)
+            call trim_set(options, self%required, minor, self%top)
          else
-            call trim_for_neighbour(self%system, self%discretisation, options, self%result, self%top)
+            call trim_for_neighbour(self%system, options, self%required, self%result, self%top)
          end if
       end associate
    end subroutine refined_motion_refine
@@ -175,7 +177,7 @@ contains
          if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
          goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
       end associate
-      call choose_next(self%system, self%discretisation, self%options, self%result, self%top, goal, self%n_failures, self%next)
+      call choose_next(self%system, self%options, self%required, self%result, self%top, goal, self%n_failures, self%next)
       is_there = allocated(self%next%unknowns)
       if (.not. is_there .or. affords_next(self)) return
       is_there = .false.

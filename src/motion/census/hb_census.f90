@@ -8,7 +8,6 @@
 !> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
 !> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
 module hb_census
-   use hb_amplitudes, only: as_amplitudes
    use hb_balance, only: balance_t, new_balance
    use hb_cancellation, only: cancellation_t, note_progress, work_is_over
    use hb_census_estimate, only: completeness_t, estimate_completeness
@@ -21,7 +20,7 @@ module hb_census
    use hb_harmonics, only: harmonics_t, new_box, new_of_parity
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
-   use hb_level, only: degree_of, estimate_of, join, level_t, set_to_harmonics, set_to_level, transferred
+   use hb_level, only: degree_of, estimate_of, join, level_t, set_to_level, transferred
    use hb_load_branch, only: follow_loads
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
@@ -30,6 +29,7 @@ module hb_census
    use hb_primary_method, only: primary_method
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
+   use hb_spectrum, only: new_spectrum
    use hb_system, only: coordinates_of
    use hb_thresholds, only: agreement, faint, rounding, safety, same_motion
    use hb_torus, only: samples_for
@@ -281,11 +281,11 @@ contains
       if (self%here%symmetry == symmetry%odd) then
          call new_of_parity(odd, self%here%harmonics, 1, error)
          if (allocated(error)) return
-         call set_to_harmonics(self%here, model%discretisation, odd)
+         self%here%harmonics = odd
       end if
       associate (here => self%here, omega => model%system%tones%omega)
          call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), &
-                                    here%harmonics%frequencies(omega), here%loads, error)
+                                    here%harmonics%frequencies(omega), model%system%loads_in(here%harmonics), error)
          if (allocated(error)) return
          call new_balance(self%balance, here%harmonics, here%torus, omega, stiffness, &
                           laws_at(coordinates_of(model%system), model%system%laws), error)
@@ -336,7 +336,7 @@ contains
       end if
       if (model%options%accuracy%refines_grid) &
          joined%n_samples = max(joined%n_samples, samples_for(joined%set%highest, degree_of(model%system)))
-      call set_to_level(here, model%system, model%discretisation, model%options, joined, error)
+      call set_to_level(here, model%system, model%options, joined, error)
    end subroutine choose_set
 
    !> Makes a start: the motion to which it leads is counted, and added if it is a new one, with those found from it.
@@ -613,7 +613,7 @@ contains
       type(level_t) :: level
       type(motion_result_t) :: result
       type(error_t), allocatable :: error
-      complex(wp) :: c(model%system%structure%n_dofs, model%discretisation%harmonics%n_harmonics)
+      complex(wp) :: c(model%system%structure%n_dofs)
       real(wp) :: typical
       integer :: first, h
 
@@ -622,14 +622,15 @@ contains
       own = model
       own%options%primary_method = primary_method%integration
       own%options%solver%fallback = .false.
-      first = findloc([(sum(abs(model%discretisation%harmonics%tuples(:, h))), h=1, size(c, 2))], 1, dim=1)
+      associate (set => own%discretisation%harmonics)
+         first = findloc([(sum(abs(set%tuples(:, h))), h=1, set%n_harmonics)], 1, dim=1)
+      end associate
       do while (starts_of_integration*census%n_random < n_starts)
          if (self%is_over()) exit
          call note_progress(starts_of_integration*census%n_random, n_starts)
-         c = (0.0_wp, 0.0_wp)
-         call self%starts%draw_state(census%n_random + 1, c(:, first))
-         c = typical*c
-         own%discretisation%start = as_amplitudes(c)
+         call self%starts%draw_state(census%n_random + 1, c)
+         call new_spectrum(own%options%start%spectrum, size(c), own%system%tones%n_tones)
+         call own%options%start%spectrum%add(own%discretisation%harmonics%tuples(:, first), typical*c)
          call solve_point(own, result, error, level)
          if (allocated(error)) result%status = outcome%failed
          call note_attractor(self, result, start_kind%random, census)

@@ -157,7 +157,7 @@ contains
          if (found%system%normal_mode%is_requested) which = [which, tones%n_tones + which]
       end associate
       if (found%options%accuracy%is_on .or. any(level%n_samples /= found%discretisation%torus%n_samples)) then
-         call set_to_level(found%discretisation, found%system, self%model%discretisation, found%options, level, error)
+         call set_to_level(found%discretisation, found%system, found%options, level, error)
          if (allocated(error)) return
       end if
       if (found%options%accuracy%is_on) then
@@ -221,7 +221,7 @@ contains
       call new_of_parity(odd, discretisation%harmonics, 1, error)
       if (allocated(error) .or. odd%n_harmonics == discretisation%harmonics%n_harmonics) return
       reduced = discretisation
-      call set_to_level(reduced, system, discretisation, options, level_t(odd, discretisation%torus%n_samples), error)
+      call set_to_level(reduced, system, options, level_t(odd, discretisation%torus%n_samples), error)
       if (allocated(error)) return
       reduced%torus = half_of_odd(system, discretisation)
       allocate (self%odd_problem)
@@ -520,7 +520,7 @@ contains
    logical function balance_branch_has_images(self) result(has_images)
       class(balance_branch_t), intent(in) :: self
 
-      has_images = size(free_phases(self)) > 0 .or. any(copies_of(self%model%system, self%problem%model%discretisation) > 1)
+      has_images = size(free_phases(self)) > 0 .or. any(copies_of(self%model%system) > 1)
    end function balance_branch_has_images
 
    !> Replaces a motion of the curve, with a direction, by the image that is closest to a reference.
@@ -533,7 +533,7 @@ contains
 
       if (.not. self%has_images()) return
       associate (n => size(self%weights), set => self%problem%model%discretisation%harmonics)
-         phases = nearest_phases(set, copies_of(self%model%system, self%problem%model%discretisation), free_phases(self), &
+         phases = nearest_phases(set, copies_of(self%model%system), free_phases(self), &
                                  self%weights, reference(:n), x(:n))
          x = image_of(set, n, x, phases)
          if (present(direction)) direction = image_of(set, n, direction, phases)
@@ -622,7 +622,7 @@ contains
       call self%problem%move_to_point(x, is_possible)
       series%set => self%problem%model%discretisation%harmonics
       series%omega = self%problem%omega
-      series%load = response%largest_load(self%problem%model%discretisation)
+      series%load = response%largest_load(self%problem%model%system, self%problem%harmonics)
       allocate (series%c(0))
       if (.not. is_possible) return
       if (response%column > 0) then
@@ -644,7 +644,7 @@ contains
 
       call find_motion(self%problem, x, c)
       associate (problem => self%problem)
-         if (allocated(c)) call stability_of(problem%model%system, problem%model%discretisation, problem%model%options, &
+         if (allocated(c)) call stability_of(problem%model%system, problem%model%options, &
                                              problem%balance_t, c, tolerance, stability, is_integrated)
       end associate
    end subroutine balance_branch_find_stability
@@ -775,6 +775,6 @@ contains
 
       call self%problem%destroy()
       if (allocated(self%odd_problem)) call self%odd_problem%destroy()
-      call self%model%discretisation%clear()
+      call self%model%system%clear()
    end subroutine balance_branch_destroy
 end module hb_balance_branch

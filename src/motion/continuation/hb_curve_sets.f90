@@ -6,14 +6,12 @@
 !> of the tolerance, and shrinks below a smaller part. The tuples of the lowest set always remain, because a motion
 !> may lose its symmetry along the curve. Source: docs/why/accuracy.md.
 module hb_curve_sets
-   use hb_amplitudes, only: as_amplitudes
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_curve, only: curve_t
    use hb_curve_branches, only: branches_t
    use hb_curve_events, only: event_values_t
    use hb_curve_points, only: curve_point_t
    use hb_curve_step, only: step
-   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_followed, only: curve_state_t, followed_t, step_accuracy_t
    use hb_harmonics, only: harmonics_t, new_box
@@ -39,7 +37,7 @@ module hb_curve_sets
    type, abstract, extends(refinable_t) :: refined_curve_t
       class(followed_t), pointer :: followed => null()
       type(curve_t), pointer :: curve => null()
-      type(discretisation_t) :: whole                                 ! in which all tuples of the lowest set are required
+      integer, allocatable :: required(:, :)                          ! tuples of the lowest set, (n_tones, any)
       type(level_t) :: next
       logical :: is_ended = .false.                                   ! there is no further step
       type(cancellation_t), pointer :: effort => null()               ! counts the work of all levels
@@ -285,9 +283,7 @@ contains
 
       self%followed => followed
       self%curve => curve
-      self%whole = followed%model%discretisation
-      self%whole%loads = as_amplitudes(spread(spread((1.0_wp, 0.0_wp), 1, self%whole%loads%n_dofs), 2, &
-                                              self%whole%loads%n_harmonics)) ! tuples with loads are required
+      self%required = followed%model%discretisation%harmonics%tuples
       self%max_idle = max_idle
    end subroutine refined_curve_prepare
 
@@ -300,7 +296,7 @@ contains
       logical, intent(out) :: is_there
 
       associate (options => self%followed%model%options)
-         call choose_next(self%followed%model%system, self%whole, options, result, level_at(self%followed, x), &
+         call choose_next(self%followed%model%system, options, self%required, result, level_at(self%followed, x), &
                           max(min_goal*estimate_of(result), least*options%accuracy%tolerance), 0, self%next)
          is_there = allocated(self%next%unknowns)
       end associate
@@ -362,7 +358,7 @@ contains
 
       associate (followed => self%followed, curve => self%curve)
          smaller = level_at(followed, curve%x)
-         call choose_smaller(followed%model%system, self%whole, followed%model%options, smaller, is_smaller)
+         call choose_smaller(followed%model%system, followed%model%options, self%required, smaller, is_smaller)
          if (is_without_gaps(followed%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
          if (.not. is_smaller .or. 2*smaller%set%n_harmonics > followed%level%set%n_harmonics) return  ! too small a saving
          here = state_of(followed, curve, self%at_point)

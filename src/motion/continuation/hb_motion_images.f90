@@ -4,7 +4,6 @@
 module hb_motion_images
    use hb_common_divisor, only: common_divisor
    use hb_deflation, only: shifted
-   use hb_discretisation, only: discretisation_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: two_pi, wp
    use hb_system, only: system_t
@@ -57,17 +56,14 @@ contains
 
    !> Numbers of shifts of given tones, over a period, that leave the loads as they are, (n_tones): more than 1 if all loads are at
    !> multiples of a number, as for motions of several periods of the loads.
-   pure function copies_of(system, discretisation) result(copies)
+   pure function copies_of(system) result(copies)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation            !! on the present set
       integer :: copies(system%tones%n_tones)
-      integer :: h, i, m
+      integer :: i, m
 
-      copies = 0
-      do h = 1, discretisation%harmonics%n_harmonics
-         if (discretisation%loads%is_zero_at(h)) cycle
-         copies = [(common_divisor([copies(m), discretisation%harmonics%tuples(m, h)]), m=1, size(copies))]
-      end do
+      associate (tuples => system%load_spectrum%nonzero_tuples())
+         copies = [(common_divisor([0, tuples(m, :)]), m=1, size(copies))]
+      end associate
       if (any([(system%laws(i)%law%n_phases > 0 .or. allocated(system%laws(i)%law%modulation), i=1, size(system%laws))])) &
          copies = system%tones%subharmonic                         ! the loads of laws are in tones of the input
       copies = max(1, copies)

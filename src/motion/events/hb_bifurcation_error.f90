@@ -31,7 +31,7 @@ contains
       if (kind == 0 .or. result%stability%is_integrated .or. .not. allocated(result%error_estimate%refined)) return
       tones = model%system%tones
       tones%omega = result%frequency
-      call stability_of_refined(model%system, model%discretisation, model%options, tones, result%error_estimate, &
+      call stability_of_refined(model%system, model%options, tones, result%error_estimate, &
                                 model%options%stability, refined)
       if (.not. allocated(refined%multipliers)) return
       change = abs(bifurcation_value(kind, refined%multipliers))

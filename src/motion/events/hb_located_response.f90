@@ -5,11 +5,12 @@
 !> (hb_balance_branch) and of impacts (hb_orbit_branch) alike; `slope` gets those of the response alone.
 module hb_located_response
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_discretisation, only: discretisation_t
+   use hb_amplitudes, only: amplitudes_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_response, only: response_t
+   use hb_system, only: system_t
    implicit none
    private
    public :: located_response_t, response_series_t
@@ -104,16 +105,19 @@ contains
    end function located_response_unit_of
 
    !> The largest load of the harmonic of a response; zero for a whole oscillation.
-   pure complex(wp) function located_response_largest_load(self, discretisation) result(load)
+   pure complex(wp) function located_response_largest_load(self, system, set) result(load)
       class(located_response_t), intent(in) :: self
-      type(discretisation_t), intent(in) :: discretisation
+      type(system_t), intent(in) :: system
+      type(harmonics_t), intent(in) :: set
+      type(amplitudes_t) :: all_loads
       integer :: h
 
       load = (0.0_wp, 0.0_wp)
       if (.not. allocated(self%tuple)) return
-      h = discretisation%harmonics%index_of(self%tuple)
+      h = set%index_of(self%tuple)
       if (h == 0) return
-      associate (loads => discretisation%loads%of(h))
+      all_loads = system%loads_in(set)
+      associate (loads => all_loads%of(h))
          load = loads(maxloc(abs(loads), dim=1))
       end associate
    end function located_response_largest_load

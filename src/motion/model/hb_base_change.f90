@@ -3,9 +3,7 @@
 !> describe the same motions. The tuples of contact under several tones lie along a slow combination, a diagonal of their box;
 !> where A turns it into an axis, the box, and the grid with it, is several times smaller.
 module hb_base_change
-   use hb_amplitudes, only: amplitudes_t
    use hb_characteristic, only: samples_along_time
-   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_error_estimate, only: near_commensurate
    use hb_estimated_errors, only: error_estimate_t
@@ -27,7 +25,6 @@ module hb_base_change
    type :: base_change_t
       logical :: is_on = .false.
       type(system_t) :: system                                        !! with the other base frequencies
-      type(discretisation_t) :: discretisation                        !! the whole one, with all loads
       type(level_t) :: level
       integer, allocatable, private :: matrix(:, :), inverse(:, :)    ! A, (n_tones, n_tones)
    contains
@@ -37,11 +34,10 @@ module hb_base_change
 
 contains
 
-   !> Chooses the base for a level, and puts system, discretisation and level in it, if that saves samples.
-   subroutine base_change_choose(self, system, discretisation, options, level, guess)
+   !> Chooses the base for a level, and puts system and level in it, if that saves samples.
+   subroutine base_change_choose(self, system, options, level, guess)
       class(base_change_t), intent(out) :: self
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation            !! has all loads
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       real(wp), allocatable, intent(inout) :: guess(:)                !! unknowns of the level, if it is allocated
@@ -58,19 +54,11 @@ contains
       if (has_memory(system%laws)) n_samples = samples_along_time(n_samples, omega)
       if (product(real(n_samples, wp)) > worth_it*product(real(level%n_samples, wp))) return
       call move_set(self%matrix, level%set, self%level%set, error)
-      if (.not. allocated(error)) call move_set(self%matrix, discretisation%harmonics, self%discretisation%harmonics, error)
       if (allocated(error)) return
       self%is_on = .true.
       self%level%n_samples = n_samples
       self%system = system
       self%system%tones%omega = omega
-      associate (there => self%discretisation, turned => is_turned(self%matrix, discretisation%harmonics))
-         there%symmetry = discretisation%symmetry
-         there%torus%corrects_kinks = discretisation%torus%corrects_kinks
-         there%loads = turned_amplitudes(discretisation%loads, turned, 1.0_wp)
-         there%load_slopes = turned_amplitudes(discretisation%load_slopes, turned, -1.0_wp)
-         there%start = turned_amplitudes(discretisation%start, turned, 1.0_wp)
-      end associate
       if (allocated(guess)) call turn(guess, level%set, is_turned(self%matrix, level%set), omega)
    end subroutine base_change_choose
 
@@ -178,21 +166,6 @@ contains
 
       is_turned = [(canonical_sign(matmul(matrix, set%tuples(:, h))) < 0, h=1, set%n_harmonics)]
    end function is_turned
-
-   !> Amplitudes of -j where the set contains it; derivatives by j.omega change their sign as well.
-   pure function turned_amplitudes(amplitudes, turned, factor) result(other)
-      type(amplitudes_t), intent(in) :: amplitudes
-      logical, intent(in) :: turned(:)
-      real(wp), intent(in) :: factor                                  !! of turned ones
-      type(amplitudes_t) :: other
-      integer :: k
-
-      other = amplitudes
-      if (.not. allocated(other%harmonics)) return
-      do k = 1, size(other%harmonics)
-         if (turned(other%harmonics(k))) other%values(:, k) = factor*conjg(other%values(:, k))
-      end do
-   end function turned_amplitudes
 
    !> Changes the sign of sines of turned tuples among unknowns: coefficients at all coordinates, then the base frequencies.
    pure subroutine turn(unknowns, set, turned, omega)

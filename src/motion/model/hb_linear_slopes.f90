@@ -13,6 +13,7 @@ module hb_linear_slopes
    use hb_model_number, only: model_number_t
    use hb_model_numbers, only: build_beside
    use hb_movement, only: add_linear_numbers, movement_t
+   use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    use hb_system, only: coordinates_of
    use hb_thresholds, only: difference_step
@@ -102,10 +103,14 @@ contains
       type(beside_t), intent(in) :: beside
       type(side_t), intent(out) :: side
       type(error_t), allocatable :: error
+      type(spectrum_t) :: loads
 
       side%position = beside%position
-      call build_beside(model, beside%numbers, beside%values, side%structure, side%loads, error)
-      if (allocated(error)) side = side_t(0.0_wp, model%system%structure, model%discretisation%loads)
+      call build_beside(model, beside%numbers, beside%values, side%structure, loads, error)
+      associate (set => model%discretisation%harmonics)
+         side%loads = loads%in_set(set)
+         if (allocated(error)) side = side_t(0.0_wp, model%system%structure, model%system%loads_in(set))
+      end associate
    end subroutine build_side
 
    !> Derivative of the reaction at constant motion; zero if the structure is singular.
@@ -133,7 +138,7 @@ contains
       wanted%rates = 0.0_wp*balance%frequencies
       wanted%loads = slopes%loads
       call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), balance%frequencies, &
-                                 model%discretisation%loads, error, wanted)
+                                 model%system%loads_in(model%discretisation%harmonics), error, wanted)
       if (allocated(error)) return
       call new_linear_part(linear, stiffness)
       call linear%find_reaction_slope(balance%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)

@@ -53,6 +53,7 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
+      type(amplitudes_t) :: start
       logical :: is_even(discretisation%harmonics%n_harmonics)
       integer :: i
 
@@ -63,18 +64,11 @@ contains
          if (options%start%from_integration) return
          ! a rigid law may base its augmentation on tuples that would be removed
          if (any(is_even) .and. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])) return
-         if (discretisation%start%n_dofs > 0) then
-            do i = 1, size(is_even)
-               if (.not. is_even(i)) cycle
-               if (.not. discretisation%start%is_zero_at(i)) return
-            end do
-         end if
+         start = options%start%spectrum%in_set(discretisation%harmonics)
+         if (any([(is_even(i) .and. .not. start%is_zero_at(i), i=1, size(is_even))])) return
       end if
-      if (discretisation%loads%n_dofs > 0) then
-         is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, discretisation%loads) == ""
-      else
-         is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus) == ""
-      end if
+      is_solved_odd = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, &
+                                  system%loads_in(discretisation%harmonics)) == ""
    end function is_solved_odd
 
    !> The grid for odd motions: half of it if it can be halved, otherwise all of it.

@@ -3,7 +3,6 @@
 !> load, a law. Setting it is a store in that object. Structure and loads are then built again from numbers, and laws
 !> derive what they need; nothing is read.
 module hb_model_numbers
-   use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t, fail
    use hb_kinds, only: two_pi, wp
@@ -13,13 +12,14 @@ module hb_model_numbers
    use hb_model_basis, only: why_not_odd
    use hb_model_number, only: has_number, model_number_t
    use hb_numbers, only: number_t, numbered_t
+   use hb_spectrum, only: new_spectrum, spectrum_t
    use hb_structure, only: structure_t
    use hb_structure_load, only: is_only_in_time
    use hb_system, only: system_t
    use hb_text, only: to_text
    implicit none
    private
-   public :: build_beside, build_loads, build_starts, find_model_number, set_model_numbers, unknown_tone_of
+   public :: build_beside, build_starts, find_model_number, set_model_numbers, unknown_tone_of, update_loads
 
 contains
 
@@ -30,10 +30,10 @@ contains
       type(model_number_t), intent(in) :: numbers(:)                  !! of structures and loads
       real(wp), intent(in) :: values(:)
       type(structure_t), intent(out) :: structure
-      type(amplitudes_t), intent(out) :: loads
+      type(spectrum_t), intent(out) :: loads
       type(error_t), allocatable, intent(out) :: error
       type(error_t), allocatable :: ignored
-      type(amplitudes_t) :: slopes
+      type(spectrum_t) :: slopes
       real(wp) :: before(size(numbers))
       integer :: i
       logical :: has_structure, is_found
@@ -47,8 +47,8 @@ contains
       call store_numbers(model, numbers, values, error)
       if (.not. allocated(error) .and. has_structure) call build_structure(model, structure, error)
       if (.not. allocated(error)) then
-         if (has_structure) call build_loads(model%system, model%discretisation, structure, loads, slopes, error)
-         if (.not. has_structure) call build_loads(model%system, model%discretisation, model%system%structure, loads, slopes, error)
+         if (has_structure) call build_loads(model%system, structure, loads, slopes, error)
+         if (.not. has_structure) call build_loads(model%system, model%system%structure, loads, slopes, error)
       end if
       call store_numbers(model, numbers, before, ignored)
    end subroutine build_beside
@@ -201,7 +201,6 @@ contains
       type(model_t), intent(inout) :: self
       type(model_number_t), intent(in) :: numbers(:)
       type(error_t), allocatable, intent(out) :: error
-      type(amplitudes_t) :: loads, slopes
       type(structure_t) :: structure
       logical :: has_other_structure
 
@@ -220,10 +219,8 @@ contains
       end if
       if (any(numbers%is_of_loads()) .or. (any(numbers%object == has_number%tones) .and. self%system%has_inertia_loads) .or. &
           (has_other_structure .and. self%system%has_loads_by_structure())) then
-         call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
+         call update_loads(self%system, error)
          if (allocated(error)) return
-         self%discretisation%loads = loads
-         self%discretisation%load_slopes = slopes
       end if
       if (any(numbers%object == has_number%start)) call build_starts(self)
       if (self%discretisation%symmetry == symmetry%odd) call check_odd(self%system, self%discretisation, error)
@@ -253,19 +250,18 @@ contains
 
    !> Builds the loads on a structure, and their derivatives by the frequencies. Fails for a load in a tuple of an unknown
    !> tone.
-   subroutine build_loads(system, discretisation, structure, loads, slopes, error)
+   subroutine build_loads(system, structure, loads, slopes, error)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(structure_t), intent(in) :: structure
-      type(amplitudes_t), intent(out) :: loads                        !! [N], not those of the model
-      type(amplitudes_t), intent(out) :: slopes                       !! by j.omega [N s]
+      type(spectrum_t), intent(out) :: loads                          !! [N], not those of the system
+      type(spectrum_t), intent(out) :: slopes                         !! by j.omega [N s]
       type(error_t), allocatable, intent(out) :: error
-      real(wp) :: frequencies(discretisation%harmonics%n_harmonics)
+      real(wp) :: omega(system%tones%n_tones)
       integer :: i
 
-      call new_amplitudes(loads, structure%n_dofs, discretisation%harmonics%n_harmonics)
+      call new_spectrum(loads, structure%n_dofs, system%tones%n_tones)
       slopes = loads
-      frequencies = discretisation%harmonics%frequencies(merge(0.0_wp, system%tones%omega, system%tones%is_unknown))
+      omega = merge(0.0_wp, system%tones%omega, system%tones%is_unknown)
       do i = 1, size(system%loads)
          if (.not. allocated(system%loads(i)%load%weights)) cycle     ! a problem that has been reported
          if (is_only_in_time(system%loads(i))) cycle
@@ -274,9 +270,20 @@ contains
                       " is unknown, and a load needs a given frequency")
             return
          end if
-         call system%loads(i)%load%add_to(structure, discretisation%harmonics, frequencies, loads, slopes)
+         call system%loads(i)%load%add_to(structure, omega, loads, slopes)
       end do
    end subroutine build_loads
+
+   !> Builds the loads of a system.
+   subroutine update_loads(system, error)
+      type(system_t), intent(inout) :: system
+      type(error_t), allocatable, intent(out) :: error
+      type(spectrum_t) :: loads, slopes
+
+      call build_loads(system, system%structure, loads, slopes, error)
+      system%load_spectrum = loads
+      system%load_slopes = slopes
+   end subroutine update_loads
 
    !> An unknown tone in the tuple of a load that is not zero; 0: there is none.
    pure integer function unknown_tone_of(system, i) result(tone)
@@ -293,11 +300,12 @@ contains
       type(model_t), intent(inout) :: self
       integer :: i
 
-      call new_amplitudes(self%discretisation%start, self%system%structure%n_dofs, self%discretisation%harmonics%n_harmonics)
-      do i = 1, size(self%options%start%given)
-         if (.not. allocated(self%options%start%given(i)%weights)) cycle ! a problem that has been reported
-         call self%options%start%given(i)%add_to(self%discretisation%harmonics, self%discretisation%start)
-      end do
+      associate (start => self%options%start)
+         call new_spectrum(start%spectrum, self%system%structure%n_dofs, self%system%tones%n_tones)
+         do i = 1, size(start%given)
+            if (allocated(start%given(i)%weights)) call start%given(i)%add_to(start%spectrum) ! else a problem has been reported
+         end do
+      end associate
    end subroutine build_starts
 
    !> Fails if the equations of odd motions are no longer odd.
@@ -307,7 +315,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       character(200) :: reason
 
-      reason = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, discretisation%loads)
+      reason = why_not_odd(system%laws, discretisation%harmonics, discretisation%torus, system%loads_in(discretisation%harmonics))
       if (reason /= "") call fail(error, "the symmetry of motions cannot be 'odd': "//trim(reason))
    end subroutine check_odd
 

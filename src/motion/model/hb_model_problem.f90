@@ -19,7 +19,7 @@ module hb_model_problem
    use hb_law_coordinates, only: laws_at
    use hb_linear_slopes, only: beside_t, find_slopes_between, find_slopes_by, linear_slopes_t, reaction_slope
    use hb_model, only: model_t
-   use hb_model_number, only: has_number, model_number_t, moving_value_t, values_at
+   use hb_model_number, only: has_number, moving_value_t, values_at
    use hb_movement, only: movement_t, movement_with_tone, new_movement, set_movement
    use hb_options, only: options_t
    use hb_refusal, only: refusal_t
@@ -107,7 +107,7 @@ contains
       class(model_problem_t), intent(inout) :: self
 
       call self%balance_t%destroy()
-      call self%model%discretisation%clear()
+      call self%model%system%clear()
    end subroutine model_problem_destroy
 
    !> Adopts the value that moves.
@@ -194,9 +194,10 @@ contains
             call self%stiffness%transfer_to(stiffness)
          else
             call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, &
-               model%discretisation%harmonics%frequencies(model%system%tones%omega), model%discretisation%loads, error, &
+               model%discretisation%harmonics%frequencies(model%system%tones%omega), &
+               model%system%loads_in(model%discretisation%harmonics), error, &
                wanted_slopes_t(is_on=has_slopes, of_motion=model%system%normal_mode%has_energy, &
-                               loads=model%discretisation%load_slopes))
+                               loads=model%system%load_slopes_in(model%discretisation%harmonics)))
             if (allocated(error)) return
          end if
          call new_balance(self%balance_t, model%discretisation%harmonics, model%discretisation%torus, model%system%tones%omega, &
@@ -335,7 +336,7 @@ contains
       integer :: i
 
       self%is_sound = .false.
-      loads = self%model%discretisation%loads
+      loads = self%model%system%loads_in(self%harmonics)
       is_of_laws = movement%is_of_laws()
       if (present(laws_only)) is_of_laws = is_of_laws .or. laws_only
       call set_movement(self%model, movement, value, error, is_alike, laws_only)
@@ -347,8 +348,8 @@ contains
          if (.not. is_possible) call fail(error, "the structure has no condensed stiffness at these frequencies")
          self%is_sound = is_possible
       else if (moves_loads_alone(self)) then
-         call self%stiffness%change_loads(self%model%system%structure, self%frequencies, loads, self%model%discretisation%loads, &
-                                          error)
+         call self%stiffness%change_loads(self%model%system%structure, self%frequencies, loads, &
+                                          self%model%system%loads_in(self%harmonics), error)
          self%has_stiffness = .not. allocated(error)
          if (self%has_stiffness) call replace_laws(self, error)
       else

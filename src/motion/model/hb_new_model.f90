@@ -8,7 +8,6 @@
 !>
 !> An error is that of the last call; a model after an error must not be used.
 module hb_new_model
-   use hb_amplitudes, only: amplitudes_t
    use hb_error, only: error_t, fail
    use hb_floquet, only: floquet_t
    use hb_harmonic_amplitude, only: harmonic_amplitude_t
@@ -18,7 +17,7 @@ module hb_new_model
    use hb_load, only: load_t
    use hb_model, only: model_t
    use hb_model_number, only: numbered_groups
-   use hb_model_numbers, only: build_loads, build_starts
+   use hb_model_numbers, only: build_starts, update_loads
    use hb_structure_builder, only: structure_builder_t
    use hb_structure_load, only: load_box_t
    use hb_text, only: to_text
@@ -38,7 +37,6 @@ contains
       type(harmonics_t), intent(in) :: harmonics                      !! of as many tones
       integer, intent(in) :: n_samples(:)                             !! per period, (n_tones)
       type(error_t), allocatable, intent(out) :: error
-      type(amplitudes_t) :: loads, slopes
       integer :: i
 
       if (any([size(omega), size(n_samples)] /= harmonics%n_tones)) then
@@ -59,9 +57,7 @@ contains
       self%options%output%title = ""
       self%options%output%dofs = [(i, i=1, self%system%structure%n_dofs)]
       self%options%integration%record = ""
-      call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
-      self%discretisation%loads = loads
-      self%discretisation%load_slopes = slopes
+      call update_loads(self%system, error)
       call build_starts(self)
    end subroutine new_model
 
@@ -92,7 +88,6 @@ contains
       integer, intent(in) :: tuple(:)                                 !! j, (n_tones)
       real(wp), intent(in) :: cosine, sine                            !! [N]
       type(error_t), allocatable, intent(out) :: error
-      type(amplitudes_t) :: loads, slopes
       type(load_box_t), allocatable :: boxes(:)
       type(load_t) :: load
       integer :: i, place
@@ -121,8 +116,6 @@ contains
          allocate (boxes(n + 1)%load, source=load)
       end associate
       call move_alloc(boxes, self%system%loads)
-      call build_loads(self%system, self%discretisation, self%system%structure, loads, slopes, error)
-      self%discretisation%loads = loads
-      self%discretisation%load_slopes = slopes
+      call update_loads(self%system, error)
    end subroutine add_load
 end module hb_new_model

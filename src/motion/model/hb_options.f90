@@ -13,6 +13,7 @@ module hb_options
    use hb_primary_method, only: primary_method
    use hb_response, only: response_t
    use hb_solver_types, only: share_of_solver, solver_config_t
+   use hb_spectrum, only: spectrum_t
    use hb_stability, only: harmonic_motion_t, stability_config_t, stability_finder_t
    use hb_start_term, only: start_term_t
    use hb_steady_motion, only: steady_motion_t
@@ -74,6 +75,7 @@ module hb_options
    !> The first guess of a motion: the sum of the given terms and one of these.
    type :: start_config_t
       type(start_term_t), allocatable :: given(:)                     !! terms
+      type(spectrum_t) :: spectrum                                    !! their sum [m]
       logical :: from_linear = .true.                                 !! the motion without laws, otherwise zero
       logical :: from_integration = .false.                           !! or the end of a time integration
    end type start_config_t
@@ -167,9 +169,8 @@ contains
 
    !> Difference between a motion and a short integration that starts on it, root mean square at the degrees of freedom of
    !> the laws, relative; negative if it is not known, as always here.
-   subroutine leave_departure_unknown(system, discretisation, options, motion, max_work, departure)
+   subroutine leave_departure_unknown(system, options, motion, max_work, departure)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       real(wp), intent(in) :: max_work                              !! in about a nanosecond

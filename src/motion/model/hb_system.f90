@@ -1,13 +1,16 @@
 !> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
 module hb_system
+   use hb_amplitudes, only: amplitudes_t
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
    use hb_law_coordinates, only: dofs_of_unknowns, laws_at, new_law_coordinates
    use hb_law_measure, only: law_measure_t, new_law_measure
    use hb_model_number, only: has_number, model_number_t, tie_t
    use hb_numbers, only: numbered_t
+   use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    use hb_structure_builder, only: structure_builder_t
    use hb_structure_element, only: element_box_t
@@ -47,6 +50,8 @@ module hb_system
       integer, allocatable :: law_groups(:)                           !! number of the group of each law
       type(load_box_t), allocatable :: loads(:)
       logical :: has_inertia_loads = .false.                          !! some grow with the frequency
+      type(spectrum_t) :: load_spectrum                               !! [N], of all loads with tuples
+      type(spectrum_t) :: load_slopes                                 !! their derivatives by j.omega [N s]
       type(tones_t) :: tones
       integer, allocatable :: phase_dofs(:)                           !! of the sines that are zero, by unknown tone; size 0:
                                                                       !! integral phase conditions
@@ -56,6 +61,8 @@ module hb_system
    contains
       procedure :: object_of => system_object_of
       procedure :: load_of => system_load_of
+      procedure :: loads_in => system_loads_in
+      procedure :: load_slopes_in => system_load_slopes_in
       procedure :: has_loads_by_structure => system_has_loads_by_structure
       procedure :: has_restitution => system_has_restitution
       procedure :: wanted_dofs => system_wanted_dofs
@@ -65,6 +72,7 @@ module hb_system
       procedure :: list_files => system_list_files
       procedure :: may_jump_within_period => system_may_jump_within_period
       procedure :: n_further => system_n_further
+      procedure :: clear => system_clear
    end type system_t
 
 contains
@@ -104,6 +112,31 @@ contains
 
       k = findloc(self%loads%object == number%object .and. self%loads%i == number%i, .true., dim=1)
    end function system_load_of
+
+   !> The loads in a set of harmonics [N].
+   pure type(amplitudes_t) function system_loads_in(self, set) result(loads)
+      class(system_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+
+      loads = self%load_spectrum%in_set(set)
+   end function system_loads_in
+
+   !> Their derivatives by j.omega [N s].
+   pure type(amplitudes_t) function system_load_slopes_in(self, set) result(slopes)
+      class(system_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+
+      slopes = self%load_slopes%in_set(set, are_slopes=.true.)
+   end function system_load_slopes_in
+
+   !> Deallocates the spectra, for the `destroy` of objects that contain a system: gfortran 12 deallocates of a polymorphic
+   !> object the first component of each type alone.
+   pure subroutine system_clear(self)
+      class(system_t), intent(inout) :: self
+
+      self%load_spectrum = spectrum_t()
+      self%load_slopes = spectrum_t()
+   end subroutine system_clear
 
    !> Whether some loads depend on the matrices of the structure.
    pure logical function system_has_loads_by_structure(self) result(has)

@@ -2,6 +2,7 @@
 !> A known motion, from a neighbouring point or a time integration, is given as `model%start` with its frequencies as
 !> the first guesses `model%tones%omega`; it is tried before any mode.
 module hb_autonomous
+   use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
    use hb_basis, only: basis_t, whole_basis
@@ -65,16 +66,18 @@ contains
       logical, intent(in) :: is_known                                 !! a motion, such as that of a smaller set
       type(error_t), allocatable, intent(out) :: error
       class(balance_t), allocatable :: balance
+      type(amplitudes_t) :: given
       integer :: h, m
 
       allocate (balance)
+      given = options%start%spectrum%in_set(basis%harmonics)
       associate (tones => system%tones)
          self%tones = pack([(m, m=1, tones%n_tones)], tones%is_unknown)
          self%has_motion = any([(any(basis%harmonics%tuples(self%tones, h) /= 0) .and. &
-                                 .not. discretisation%start%is_zero_at(basis%positions(h)), h=1, basis%harmonics%n_harmonics)])
+                                 .not. given%is_zero_at(h), h=1, basis%harmonics%n_harmonics)])
          self%omega = tones%omega
          where (self%omega <= 0.0_wp) self%omega = 1.0_wp             ! arbitrary: the base motion does not contain these tones
-         call new_base_balance(balance, system, discretisation, basis, coordinates, self%omega, error)
+         call new_base_balance(balance, system, basis, coordinates, self%omega, error)
          if (.not. allocated(error)) &
             call find_base_motion(self%base, system%structure, balance, basis%harmonics, options%solver, error)
          call balance%destroy()
@@ -121,10 +124,9 @@ contains
    end function typical_rate
 
    !> The balance over the tuples without unknown tones, always with the mean. Fails if the interior is singular.
-   subroutine new_base_balance(balance, system, discretisation, basis, coordinates, omega, error)
+   subroutine new_base_balance(balance, system, basis, coordinates, omega, error)
       type(balance_t), intent(inout) :: balance
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, arbitrary for unknown tones
@@ -150,7 +152,7 @@ contains
       if (allocated(error)) return
       grid%corrects_kinks = basis%torus%corrects_kinks
       call new_dynamic_stiffness(stiffness, system%structure, coordinates, set%frequencies(omega), &
-                                 discretisation%loads%in_set(discretisation%harmonics, set), error)
+                                 system%loads_in(set), error)
       if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, system%laws), &
                                                   error)
    end subroutine new_base_balance
@@ -413,10 +415,12 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       real(wp) :: load(system%structure%n_dofs)
+      type(amplitudes_t) :: loads
       integer :: h
 
       load = 0.0_wp
       h = discretisation%harmonics%index_of(spread(0, 1, system%tones%n_tones))
-      if (h > 0) load = real(discretisation%loads%of(h))
+      loads = system%loads_in(discretisation%harmonics)
+      if (h > 0) load = real(loads%of(h))
    end function constant_load
 end module hb_autonomous

@@ -1,6 +1,7 @@
 !> The result of a point whose motion was found by time integration.
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_amplitudes, only: amplitudes_t
    use hb_basis, only: whole_basis
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -42,14 +43,16 @@ contains
       type(coordinates_t), intent(in) :: coordinates
       type(steady_motion_t), intent(in) :: steady
       type(motion_result_t), intent(inout) :: result
-      complex(wp), dimension(discretisation%loads%n_dofs, discretisation%harmonics%n_harmonics) :: c, forces
+      complex(wp), dimension(system%structure%n_dofs, discretisation%harmonics%n_harmonics) :: c, forces
+      type(amplitudes_t) :: loads
       real(wp) :: w(discretisation%harmonics%n_harmonics)
       integer :: h
 
       c = steady%amplitudes
       w = discretisation%harmonics%frequencies(system%tones%omega)
+      loads = system%loads_in(discretisation%harmonics)
       do h = 1, size(w)
-         forces(:, h) = discretisation%loads%of(h) - forces_of(system, c(:, h), w(h))
+         forces(:, h) = loads%of(h) - forces_of(system, c(:, h), w(h))
       end do
       call result%forget_motion()
       result%frequency = system%tones%omega
@@ -75,7 +78,7 @@ contains
          found%defects%complementarity = nan
          found%defects%slip = nan
          found%power_laws = spread(nan, 1, size(system%laws))
-         found%power_in = discretisation%loads%power_into(c, w)
+         found%power_in = loads%power_into(c, w)
          call new_mean_energy(found%energy, system%structure, c, w)
       end associate
    end subroutine store_integrated
@@ -94,7 +97,7 @@ contains
          return
       end if
       if (system%tones%n_tones == 1 .and. options%lacks_impacts_of(system, outcome%impact)) &
-         call request_stability(system, discretisation, options, options%stability, &
+         call request_stability(system, options, options%stability, &
                                 harmonic_motion_t(discretisation%harmonics%tuples, system%tones, steady%amplitudes), &
                                    steady%work, stability)
       select case (stability%verdict)

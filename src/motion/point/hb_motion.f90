@@ -1,6 +1,5 @@
 !> Computes the motion of a model on its set, with all derived results, by the attempts of `hb_attempts`.
 module hb_motion
-   use hb_amplitudes, only: as_amplitudes
    use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, motion_conditions_t, stage, technique
    use hb_basis, only: basis_t, whole_basis
    use hb_cached_parts, only: cached_balances_t
@@ -18,6 +17,7 @@ module hb_motion
    use hb_outcome, only: is_solved, outcome, reason
    use hb_primary_method, only: primary_method
    use hb_solver_types, only: attempt_t
+   use hb_spectrum, only: as_spectrum, spectrum_t
    use hb_stability, only: stability_method
    use hb_steady_motion, only: steady_motion_t
    use hb_structure, only: max_dense
@@ -224,15 +224,17 @@ contains
       type(motion_attempts_t), intent(inout) :: self
       type(attempt_t), intent(inout) :: attempt
       type(error_t), allocatable :: error
-      type(discretisation_t) :: from
+      type(options_t) :: from
       logical :: has_start
 
       associate (system => self%system, discretisation => self%discretisation, options => self%options, &
                  result => self%result, steady => self%steady)
          has_start = self%conditions%is_struck .and. allocated(self%unknowns)
-         if (has_start) call start_from(system, discretisation, options, self%unknowns, from, has_start)
-         if (.not. has_start) from = discretisation
-         call options%callbacks%time_domain_solver%find_steady_motion(system, from, options, self%coordinates%dofs, steady, error)
+         from = options
+         if (has_start) call start_from(system, discretisation, options, self%unknowns, from%start%spectrum, has_start)
+         if (.not. has_start) from%start%spectrum = options%start%spectrum
+         call options%callbacks%time_domain_solver%find_steady_motion(system, discretisation, from, self%coordinates%dofs, steady, &
+                                                                      error)
          result%work = result%work + steady%work
          result%integration_work = steady%work
          if (allocated(error)) steady%message = "integration: "//error%message
@@ -272,13 +274,13 @@ contains
       end associate
    end subroutine adopt_integrated
 
-   !> Sets a motion that solves the balance as the start, in all degrees of freedom.
-   subroutine start_from(system, discretisation, options, unknowns, from, is_there)
+   !> The motion of a solution of the balance in all degrees of freedom, as a start.
+   subroutine start_from(system, discretisation, options, unknowns, start, is_there)
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       real(wp), intent(in) :: unknowns(:)                             !! of the solution, as the guess of `solve_system`
-      type(discretisation_t), intent(out) :: from                     !! the same one, with this start
+      type(spectrum_t), intent(out) :: start                          !! [m]
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
       type(motion_result_t) :: whole
@@ -295,8 +297,7 @@ contains
       call solve_system(system, discretisation, alone, whole, error, unknowns)
       is_there = .not. allocated(error) .and. whole%status == outcome%converged
       if (.not. is_there) return
-      from = discretisation
-      from%start = as_amplitudes(transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
+      start = as_spectrum(discretisation%harmonics, transpose(cmplx(whole%coefficients(1, :, :), -whole%coefficients(2, :, :), wp)))
    end subroutine start_from
 
    !> Solves the balance in a few steps from the integrated motion; the result is that of the balance if it converges.

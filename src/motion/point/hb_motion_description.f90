@@ -73,12 +73,12 @@ contains
          end if
          if (is_solved(result%status)) then
             if (result%stability%method == stability_method%off) &
-               call stability_of(system, discretisation, options, balance, c, options%stability%tolerance, result%stability)
-            call compare_with_refined(system, discretisation, options, tones_of(system, balance), result%error_estimate, &
+               call stability_of(system, options, balance, c, options%stability%tolerance, result%stability)
+            call compare_with_refined(system, options, tones_of(system, balance), result%error_estimate, &
                                       result%stability)
          end if
          result%usual_work = usual_work(balance)
-         if (options%compares_in_time) call compare_in_time(system, discretisation, options, &
+         if (options%compares_in_time) call compare_in_time(system, options, &
             harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), result)
          call allow_for_growth(result, options%error_estimate%truncation)
          call result%withdraw_verdict()
@@ -88,9 +88,8 @@ contains
 
    !> Computes the stability of a motion of the model according to its settings except the tolerance; not that of
    !> normal modes.
-   subroutine stability_of(system, discretisation, options, balance, c, tolerance, stability, is_integrated)
+   subroutine stability_of(system, options, balance, c, tolerance, stability, is_integrated)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(balance_t), intent(in) :: balance
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
@@ -102,27 +101,25 @@ contains
       config = options%stability
       config%tolerance = tolerance
       if (present(is_integrated)) config%is_integrated = is_integrated
-      call request_stability(system, discretisation, options, config, &
+      call request_stability(system, options, config, &
                              harmonic_motion_t(balance%harmonics%tuples, tones_of(system, balance), c), &
                              usual_work(balance), stability)
    end subroutine stability_of
 
    !> Adds to the result of a solved motion its stability and, if requested, its comparison with a time integration.
-   subroutine add_stability_of(system, discretisation, options, motion, result)
+   subroutine add_stability_of(system, options, motion, result)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       type(motion_result_t), intent(inout) :: result
 
-      call request_stability(system, discretisation, options, options%stability, motion, result%usual_work, result%stability)
-      if (options%compares_in_time) call compare_in_time(system, discretisation, options, motion, result)
+      call request_stability(system, options, options%stability, motion, result%usual_work, result%stability)
+      if (options%compares_in_time) call compare_in_time(system, options, motion, result)
    end subroutine add_stability_of
 
    !> Finds how far a short time integration leaves a motion that is not unstable.
-   subroutine compare_in_time(system, discretisation, options, motion, result)
+   subroutine compare_in_time(system, options, motion, result)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       type(motion_result_t), intent(inout) :: result
@@ -130,16 +127,15 @@ contains
 
       if (result%status /= outcome%converged .or. result%stability%verdict == stability_verdict%unstable) return
       if (.not. allocated(options%callbacks%time_domain_solver)) return
-      call options%callbacks%time_domain_solver%find_departure(system, discretisation, options, motion, &
+      call options%callbacks%time_domain_solver%find_departure(system, options, motion, &
          max(share_of_stability*options%stability%work_spent, least_work), result%departure)
    end subroutine compare_in_time
 
    !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
    !> exponents are sensitive to errors that are small relative to the motion, such as errors in the time at which a
    !> hard stop is left.
-   subroutine compare_with_refined(system, discretisation, options, tones, found, stability)
+   subroutine compare_with_refined(system, options, tones, found, stability)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(error_estimate_t), intent(in) :: found                        !! its error estimate
@@ -151,7 +147,7 @@ contains
       if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
       config = options%stability
       if (allocated(stability%along_series)) then                     ! a second one has to be as unstable
-         call stability_of_refined(system, discretisation, options, tones, found, config, refined)
+         call stability_of_refined(system, options, tones, found, config, refined)
          compared = stability%unstable_along_series(tones%omega(1))
          call compared%compare_with(refined%unstable_along_series(tones%omega(1)))
          if (compared%verdict == stability_verdict%unstable) stability = compared
@@ -161,7 +157,7 @@ contains
       if (stability%n_periods > 0) config%min_periods = min(few_periods, stability%n_periods)
       if (stability%n_periods > 0) config%max_periods = stability%n_periods
       do
-         call stability_of_refined(system, discretisation, options, tones, found, config, refined)
+         call stability_of_refined(system, options, tones, found, config, refined)
          compared = stability
          call compared%compare_with(refined)
          if (compared%verdict /= stability_verdict%unknown .or. config%min_periods >= stability%n_periods) exit
@@ -171,9 +167,8 @@ contains
    end subroutine compare_with_refined
 
    !> Finds the stability of the motion with its first-order errors removed, which its error estimate has.
-   subroutine stability_of_refined(system, discretisation, options, tones, found, config, stability)
+   subroutine stability_of_refined(system, options, tones, found, config, stability)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(tones_t), intent(in) :: tones                              !! of the motion
       type(error_estimate_t), intent(in) :: found                     !! its error estimate, with `refined`
@@ -185,7 +180,7 @@ contains
       unlimited = config
       unlimited%patience = 1.0_wp
       call find_carrying(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing), carrying)
-      call request_stability(system, discretisation, options, unlimited, &
+      call request_stability(system, options, unlimited, &
                              harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
                              huge(1.0_wp), stability)
    end subroutine stability_of_refined
@@ -232,9 +227,8 @@ contains
    end subroutine allow_for_growth
 
    !> Calls the stability finder of the model, with the laws that the motion reaches; without one the stability is unknown.
-   subroutine request_stability(system, discretisation, options, config, motion, work_allowed, stability)
+   subroutine request_stability(system, options, config, motion, work_allowed, stability)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(stability_config_t), intent(in) :: config
       type(harmonic_motion_t), intent(in) :: motion
@@ -247,9 +241,8 @@ contains
       laws = system%laws
       if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(few_percent, safety*options%error_estimate%truncation))
       call options%callbacks%stability_finder%find(stability, config, motion, system%structure, laws, &
-                                                 excitation_t(discretisation%loads, &
-                                                              discretisation%harmonics%frequencies(motion%tones%omega), &
-                                                              options%integration%restitution), work_allowed)
+                                                   excitation_t(system%load_spectrum, options%integration%restitution), &
+                                                   work_allowed)
    end subroutine request_stability
 
    !> The tones of a model at the frequencies of a solution.
@@ -371,11 +364,11 @@ contains
       wanted%improvement_steps = options%error_estimate%improvement_steps
       if (associated(solution%problem)) then
          call estimate_error(result%error_estimate, system%structure, &
-                             discretisation%loads%at(solution%basis%positions), solution%balance, solution%u, wanted, error, &
+                             system%loads_in(solution%basis%harmonics), solution%balance, solution%u, wanted, error, &
                              solution%problem)
       else
          call estimate_error(result%error_estimate, system%structure, &
-                             discretisation%loads%at(solution%basis%positions), solution%balance, solution%u, wanted, error)
+                             system%loads_in(solution%basis%harmonics), solution%balance, solution%u, wanted, error)
       end if
       if (allocated(error)) return
       if (allocated(result%error_estimate%improved)) call store_improved(solution%basis, result, error)

@@ -100,17 +100,17 @@ contains
          if (keeps .and. .not. is_autonomous) &
             call cached%find_contacts(system%structure, coordinates, &
                                       contact_stiffness_of(laws_at(coordinates, system%laws), coordinates%n), &
-                                      basis%harmonics%frequencies(start%omega), discretisation%loads%at(basis%positions), linear)
+                                      basis%harmonics%frequencies(start%omega), system%loads_in(basis%harmonics), linear)
          if (allocated(linear)) return
          if (keeps) then
             call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                      discretisation%loads%at(basis%positions), linear, error)
+                                      system%loads_in(basis%harmonics), linear, error)
             return
          end if
          call new_dynamic_stiffness(stiffness, system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
-                                    discretisation%loads%at(basis%positions), error, &
+                                    system%loads_in(basis%harmonics), error, &
                                     wanted_slopes_t(is_on=is_autonomous, of_motion=system%normal_mode%has_energy, &
-                                                    loads=discretisation%load_slopes%at(basis%positions)))
+                                                    loads=system%load_slopes_in(basis%harmonics)))
          if (allocated(error) .or. coordinates%n == 0) return
          allocate (linear)
          call new_linear_part(linear, stiffness)
@@ -206,8 +206,8 @@ contains
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
       if (options%error_estimate%is_on .and. result%status == outcome%converged) &
          call estimate_linear_error(result%error_estimate, system%structure, system%tones, &
-                                    basis%harmonics%frequencies(system%tones%omega), discretisation%loads%at(basis%positions), c)
-      if (result%status == outcome%converged) call add_stability_of(system, discretisation, options, &
+                                    basis%harmonics%frequencies(system%tones%omega), system%loads_in(basis%harmonics), c)
+      if (result%status == outcome%converged) call add_stability_of(system, options, &
          harmonic_motion_t(basis%harmonics%tuples, system%tones, c), result)
    end subroutine solve_linear_model
 
@@ -251,7 +251,7 @@ contains
       associate (basis => solution%basis, balance => solution%balance)
          allocate (u(basis%harmonics%n_coefficients, balance%n_dofs), source=0.0_wp)
          if (any(system%tones%is_unknown)) then
-            call add_start(discretisation, basis, balance%stiffness%coordinates, u)
+            call add_start(options, basis, balance%stiffness%coordinates, u)
             if (allocated(guess)) u = reshape(guess(:size(u)), shape(u)) - start%base%u
             begun = wall_clock()
             call find_motion(system, discretisation, options, start, balance, u, search)
@@ -259,7 +259,7 @@ contains
             call store_tones(system, balance, report, result)
             if (allocated(search%message)) result%message = search%message
          else
-            call solve_with_given_tones(discretisation, options, solution, guess, u, report, begun)
+            call solve_with_given_tones(system, options, solution, guess, u, report, begun)
          end if
          if (report%status == outcome%converged) call check_drift(system, options, balance, u, error)
          if (allocated(error)) return
@@ -288,8 +288,8 @@ contains
    end subroutine solve_balance
 
    !> Solves the balance at given base frequencies, from the given motion, or else from the linear one.
-   subroutine solve_with_given_tones(discretisation, options, solution, guess, u, report, begun)
-      type(discretisation_t), intent(in) :: discretisation
+   subroutine solve_with_given_tones(system, options, solution, guess, u, report, begun)
+      type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       type(solution_t), intent(in) :: solution                        !! with its basis and its balance
       real(wp), allocatable, intent(in) :: guess(:)                   !! in the basis; not allocated: there is none
@@ -306,13 +306,13 @@ contains
             u = linear_solution
             if (.not. allocated(guess)) call balance%stuck_solution(u, is_stuck)
          end if
-         call add_start(discretisation, solution%basis, balance%stiffness%coordinates, u)
+         call add_start(options, solution%basis, balance%stiffness%coordinates, u)
          if (allocated(guess)) u = reshape(guess(:size(u)), shape(u))
          ! a known motion is tried first
-         if (allocated(guess) .or. .not. discretisation%start%is_zero()) balance%continues_in_order_first = .false.
+         if (allocated(guess) .or. .not. options%start%spectrum%is_zero()) balance%continues_in_order_first = .false.
          begun = wall_clock()
          call solve_unknowns(options, balance, linear_solution, u, report)
-         if (report%status == outcome%converged .and. discretisation%loads%is_zero() .and. &
+         if (report%status == outcome%converged .and. system%load_spectrum%is_zero() .and. &
              .not. options%purpose%is_followed) call discard_noise(balance, u, report%residual)
       end associate
    end subroutine solve_with_given_tones
@@ -454,14 +454,14 @@ contains
    end subroutine solve_unknowns
 
    !> Adds the user's first guess at the coordinates of the laws; the other motion follows from these.
-   subroutine add_start(discretisation, basis, coordinates, u)
-      type(discretisation_t), intent(in) :: discretisation
+   subroutine add_start(options, basis, coordinates, u)
+      type(options_t), intent(in) :: options
       type(basis_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
       type(amplitudes_t) :: start
 
-      start = discretisation%start%at(basis%positions)
+      start = options%start%spectrum%in_set(basis%harmonics)
       if (.not. start%is_zero()) u = u + basis%harmonics%coefficients(coordinates%amplitudes_of(start%whole()))
    end subroutine add_start
 end module hb_motion_in_basis

@@ -21,6 +21,7 @@ module hb_adjoint
    use hb_model_problem, only: model_problem_t
    use hb_movement, only: movement_t
    use hb_problem, only: problem_t
+   use hb_spectrum, only: new_spectrum, spectrum_t
    use hb_structure_builder, only: matrix_slope_t
    use hb_tangent_solver, only: tangent_solver_t
    implicit none
@@ -199,15 +200,16 @@ contains
       real(wp), intent(inout) :: derivatives(:)
       logical, intent(out) :: is_known
       type(amplitudes_t) :: slope
+      type(spectrum_t) :: spectrum
       integer :: i, k
 
-      i = base%model%system%load_of(number)
-      associate (structure => base%model%system%structure)
-         call new_amplitudes(slope, structure%n_dofs, base%harmonics%n_harmonics)
-         call base%model%system%loads(i)%load%add_slope_to(number%number_t, structure, base%harmonics, base%frequencies, slope, &
-                                                           is_known)
+      associate (system => base%model%system)
+         call new_spectrum(spectrum, system%structure%n_dofs, system%tones%n_tones)
+         call system%loads(system%load_of(number))%load%add_slope_to(number%number_t, system%structure, base%omega, spectrum, &
+                                                                   is_known)
       end associate
       if (.not. is_known) return
+      slope = spectrum%in_set(base%harmonics)
       do i = 1, size(derivatives)
          do k = 1, size(slope%harmonics)
             derivatives(i) = derivatives(i) + real(sum(self%psi(:, slope%harmonics(k), i)*slope%values(:, k)), wp)

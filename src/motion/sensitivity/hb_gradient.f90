@@ -108,7 +108,7 @@ contains
       known%model%system = system
       known%model%discretisation = discretisation
       known%model%options = options
-      call set_to_level(known%model%discretisation, system, discretisation, options, own, error)
+      call set_to_level(known%model%discretisation, system, options, own, error)
       if (.not. allocated(error)) then
          if (coordinates%n == 0) then
             call differentiate_without_laws(known, result%gradient, error)
@@ -199,7 +199,7 @@ contains
             call set_movement(there, movement, value + (2*side - 3)*step, error)
             if (.not. allocated(error)) &
                call new_dynamic_stiffness(stiffness, there%system%structure, coordinates_of(there%system), &
-               set%frequencies(there%system%tones%omega), there%discretisation%loads, error)
+               set%frequencies(there%system%tones%omega), there%system%loads_in(set), error)
             if (allocated(error)) return
             call stiffness%recover(reshape([complex(wp) ::], [0, set%n_harmonics]), c(:, :, side))
             gradient%frequency(:, k) = gradient%frequency(:, k) + (2*side - 3)*there%system%tones%omega/(2.0_wp*step)
@@ -327,24 +327,24 @@ contains
       type(level_t), intent(in) :: level
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
-      type(discretisation_t) :: before
+      type(harmonics_t) :: before
       real(wp), allocatable :: slopes(:, :)
       integer :: k
 
-      before = self%model%discretisation
-      call set_to_level(self%model%discretisation, self%model%system, before, self%model%options, level, error)
+      before = self%model%discretisation%harmonics
+      call set_to_level(self%model%discretisation, self%model%system, self%model%options, level, error)
       if (allocated(error)) return
-      self%x = transferred(before%harmonics, level%set, self%x, size(self%which))
+      self%x = transferred(before, level%set, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
       if (allocated(self%slopes)) then
          call move_alloc(self%slopes, slopes)
          allocate (self%slopes(size(self%x), size(slopes, 2)))
          do k = 1, size(slopes, 2)
-            self%slopes(:, k) = transferred(before%harmonics, level%set, slopes(:, k), size(self%which))
+            self%slopes(:, k) = transferred(before, level%set, slopes(:, k), size(self%which))
          end do
       end if
       deallocate (self%residual)
-      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%harmonics%n_harmonics)
+      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%n_harmonics)
    end subroutine known_differentiate
 
    !> Differentiates with respect to each of the values; the derivatives are NaN if the tangent is singular.

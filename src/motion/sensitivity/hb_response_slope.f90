@@ -48,12 +48,12 @@ contains
 
       moving%frequencies = problem%frequencies
       moving%drives = problem%drives()
-      moving%loads = problem%model%discretisation%loads
+      moving%loads = problem%model%system%loads_in(problem%harmonics)
       call add_frequency_slopes(problem, direction, moving)
       call problem%find_linear_slopes(direction(problem%n_unknowns + 1:), linear)
       call move_alloc(linear%structure, moving%structure_slope)
       moving%load_slopes = linear%loads
-      call moving%load_slopes%add_scaled(problem%model%discretisation%load_slopes, moving%frequency_slopes)
+      call moving%load_slopes%add_scaled(problem%model%system%load_slopes_in(problem%harmonics), moving%frequency_slopes)
       call find_motion_slope(problem%model%system%structure, problem%stiffness%coordinates, moving, harmonics, &
                              motion_in(problem, x), motion_in(problem, direction), slopes, is_singular)
       is_found = .not. is_singular
