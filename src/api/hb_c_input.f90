@@ -30,12 +30,15 @@ contains
       status = c_status%out_of_memory
       allocate (handle, stat=stat)
       if (stat == 0) then
-         if (register_handle(c_loc(handle), handle_kind%model) == 0) then
-            address = c_loc(handle)
-            status = c_status%success
-            return
+         allocate (handle%session, stat=stat)
+         if (stat == 0) then
+            if (register_handle(c_loc(handle), handle_kind%model) == 0) then
+               address = c_loc(handle)
+               status = c_status%success
+               return
+            end if
          end if
-         call free(handle)
+         deallocate (handle)
       end if
       call set_last_error("nhbm_create: memory is insufficient")
    end function nhbm_create
@@ -57,18 +60,9 @@ contains
       if (status /= c_status%success) return
       call unregister_handle(address)
       call handle%session%destroy()
-      call free(handle)
+      deallocate (handle)
       address = c_null_ptr
    end function nhbm_destroy
-
-   !> Deallocates a model, for both procedures above: gfortran expands the deallocation of every nested component, 240 kB of code.
-   subroutine free(handle)
-      type(handle_t), pointer, intent(in) :: handle
-      type(handle_t), pointer :: object
-
-      object => handle
-      deallocate (object)
-   end subroutine free
 
    integer(c_int) function nhbm_read_input(model, text, name) bind(c, name="nhbm_read_input") result(status)
       type(c_ptr), value :: model, text, name

@@ -18,7 +18,7 @@ module hb_c_model
 
    !> struct nhbm_model: a session with the columns and texts passed to C.
    type :: handle_t
-      type(session_t) :: session
+      class(session_t), allocatable :: session                       ! polymorphic: freed by one procedure
       type(session_columns_t) :: columns
       type(session_table_t) :: table
       integer(c_int), allocatable :: sizes(:, :)                      ! of the table

@@ -169,24 +169,26 @@ contains
    !> Sorts points by their positions on the step, and removes those beyond an end.
    subroutine sort_by_position(points)
       type(curve_point_t), allocatable, intent(inout) :: points(:)
-      type(curve_point_t), allocatable :: up_to_end(:)
-      type(curve_point_t) :: point
-      integer :: i, k
+      type(curve_point_t), allocatable :: sorted(:)
+      real(wp) :: positions(size(points))
+      integer :: i, k, n, order(size(points))
 
-      do i = 2, size(points)
-         point = points(i)
+      positions = points%position
+      do i = 1, size(points)                                          ! equal ones keep their order
          k = i - 1
          do while (k >= 1)
-            if (points(k)%position <= point%position) exit
-            points(k + 1) = points(k)
+            if (positions(order(k)) <= positions(i)) exit
+            order(k + 1) = order(k)
             k = k - 1
          end do
-         points(k + 1) = point
+         order(k + 1) = i
       end do
-      i = findloc(points%kind, curve_kind%end, dim=1)
-      if (i == 0) return
-      allocate (up_to_end(i))
-      up_to_end = points(:i)
-      call move_alloc(up_to_end, points)
+      n = findloc(points(order)%kind, curve_kind%end, dim=1)
+      if (n == 0) n = size(points)
+      allocate (sorted(n))
+      do i = 1, n
+         sorted(i) = points(order(i))
+      end do
+      call move_alloc(sorted, points)
    end subroutine sort_by_position
 end module hb_event_search

@@ -137,7 +137,7 @@ contains
       type(level_t), intent(in) :: level
       type(gradient_t), intent(out) :: gradient
       type(error_t), allocatable, intent(out) :: error
-      type(extended_t), target :: here
+      class(extended_t), allocatable, target :: here
       type(neighbour_t) :: sides(-1:1)
       real(wp) :: step, value
       integer :: k, side
@@ -171,13 +171,14 @@ contains
    subroutine extend(self, level, there, is_possible, number, value)
       class(located_t), intent(in) :: self
       type(level_t), intent(in) :: level
-      type(extended_t), intent(out), target :: there
+      class(extended_t), allocatable, intent(out), target :: there
       logical, intent(out) :: is_possible
       type(model_number_t), intent(in), optional :: number
       real(wp), intent(in), optional :: value
       type(error_t), allocatable :: error
       type(movement_t) :: movement
 
+      allocate (there)
       allocate (there%branch)
       associate (branch => there%branch, from => self%branch%level%set)
          branch%request = self%branch%request
@@ -199,7 +200,7 @@ contains
 
    !> Solves the extended system, and prepares steps to other values.
    subroutine solve(here, step, found, is_found)
-      type(extended_t), intent(inout), target :: here
+      class(extended_t), intent(inout), target :: here
       real(wp), intent(in) :: step                                    ! of differences along the curve
       type(neighbour_t), intent(out) :: found
       logical, intent(out) :: is_found
@@ -228,12 +229,12 @@ contains
    subroutine step_to_side(self, level, here, number, value, found, is_found)
       class(located_t), intent(in) :: self
       type(level_t), intent(in) :: level
-      type(extended_t), intent(inout) :: here
+      class(extended_t), intent(inout) :: here
       type(model_number_t), intent(in) :: number
       real(wp), intent(in) :: value
       type(neighbour_t), intent(out) :: found
       logical, intent(out) :: is_found
-      type(extended_t), target :: there
+      class(extended_t), allocatable, target :: there
       real(wp) :: step(size(here%x)), x(size(here%x))
       integer :: i
       logical :: is_singular
