@@ -342,10 +342,14 @@ contains
       else
          call self%point_at(step, x, is_there)
       end if
-      do k = 1, merge(size(shares), 0, is_close)
+      do k = 1, size(shares)
          if (is_there .or. self%status /= outcome%pending) return
          step = bracket%ends(1) + shares(k)*bracket%length()
-         call self%point_at(step, x, is_there, bracket%between(step))
+         if (is_close) then
+            call self%point_at(step, x, is_there, bracket%between(step))
+         else
+            call self%point_at(step, x, is_there)
+         end if
       end do
    end subroutine find_point_inside
 

@@ -12,7 +12,7 @@ module hb_passed_events
    use hb_followed, only: curve_state_t, followed_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_point_kinds, only: curve_kinds, located_by
+   use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    implicit none
    private
    public :: find_differences, find_passed_events, set_differences_t
@@ -25,6 +25,7 @@ module hb_passed_events
       logical :: in_branch = .false.
       logical :: in_grazing = .false.
       logical :: in_stability = .false.                               !! number of multipliers outside the unit circle
+      logical :: in_value = .false.                                   !! any that is wanted
       logical, allocatable :: in_response(:)                          !! (responses of the request)
    contains
       procedure :: any => set_differences_any
@@ -45,6 +46,7 @@ contains
          if (allocated(a%extremes) .and. allocated(b%extremes)) then
             if (size(a%extremes, 2) == size(b%extremes, 2)) differences%in_grazing = any(a%extremes*b%extremes < 0.0_wp)
          end if
+         if (allocated(a%excess) .and. allocated(b%excess)) differences%in_value = any(a%excess*b%excess < 0.0_wp)
          allocate (differences%in_response(0))
          if (allocated(a%functions) .and. allocated(b%functions)) &
             differences%in_response = [(a%functions(i)*b%functions(i) < 0.0_wp, i=1, size(a%functions))]
@@ -57,7 +59,8 @@ contains
    pure logical function set_differences_any(self) result(has)
       class(set_differences_t), intent(in) :: self
 
-      has = self%in_fold .or. self%in_branch .or. self%in_grazing .or. self%in_stability .or. any(self%in_response)
+      has = self%in_fold .or. self%in_branch .or. self%in_grazing .or. self%in_stability .or. self%in_value .or. &
+            any(self%in_response)
    end function set_differences_any
 
    !> Whether a located point is one in which the sets differ.
@@ -77,7 +80,7 @@ contains
       case (located_by%response)
          includes = self%in_response(point%response)
       case default
-         includes = .false.
+         includes = self%in_value .and. point%kind == curve_kind%value
       end select
    end function set_differences_include
 

@@ -7,6 +7,7 @@ module hb_unlocated_events
    use hb_located_response, only: located_response_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_text, only: to_text
+   use hb_thresholds, only: rounding
    implicit none
    private
    public :: describe_unlocated
@@ -28,6 +29,11 @@ contains
          call compare(responses(i)%kind, before%functions(i), behind%functions(i), &
                       count(points%kind == responses(i)%kind .and. points%response == i))
       end do
+      if (allocated(before%excess) .and. allocated(behind%excess)) then
+         do i = 1, size(before%excess)
+            call compare(curve_kind%value, before%excess(i), behind%excess(i), n_at(behind%excess(i)))
+         end do
+      end if
       if (allocated(before%extremes) .and. allocated(behind%extremes)) then
          do k = 1, min(size(before%extremes, 2), size(behind%extremes, 2))
             ! on a circular orbit both extremes change at one point
@@ -50,6 +56,16 @@ contains
       end associate
 
    contains
+
+      !> Number of the points that are located at a wanted value, of which that at the end of the step has this excess.
+      pure integer function n_at(excess) result(n)
+         real(wp), intent(in) :: excess
+
+         associate (at_end => ending%x(size(ending%x)))
+            n = count([(points(i)%kind == curve_kind%value .and. &
+                        abs(points(i)%x(size(points(i)%x)) - at_end + excess) <= rounding*abs(at_end), i=1, size(points))])
+         end associate
+      end function n_at
 
       !> Counts a function whose zeros on the step are more or fewer than its signs show.
       subroutine compare(kind, a, b, n)

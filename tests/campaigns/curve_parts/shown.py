@@ -80,8 +80,10 @@ class Curve:
         self.tuples = (np.broadcast_to(file["tuple"][...], (len(rows), *file["tuple"].shape)) if "tuple" in file
                        else file["tuples"][...][rows])
         self.n_unstable, self.is_stable = file["n_unstable"][...][rows], file["is_stable"][...][rows]
-        sizes = np.hypot(file["multiplier_real"][...][rows], file["multiplier_imag"][...][rows]) if "multiplier_real" in file else None
-        self.margin = np.zeros(len(rows)) if sizes is None else np.min(np.nan_to_num(np.abs(sizes - 1.0), nan=1.0), axis=1)
+        self.margin = np.zeros(len(rows))  # distance of the multipliers from the unit circle
+        if "multiplier_real" in file:
+            sizes = np.hypot(file["multiplier_real"][...][rows], file["multiplier_imag"][...][rows])
+            self.margin = np.min(np.nan_to_num(np.abs(sizes - 1.0), nan=1.0), axis=1)
         self.message = [bytes(text).rstrip(b"\0 ").decode(errors="replace") for text in file["message"][...][rows]]
 
     def parts(self) -> Iterator[np.ndarray]:
@@ -257,7 +259,8 @@ def _extremes(curve: Curve, rows: np.ndarray, kind: str, of: np.ndarray, is_loca
 
 
 def _way(of: np.ndarray, error: np.ndarray, i: int, way: int) -> Iterator[tuple[int, bool]]:
-    """The rows on one side of a maximum, and whether they differ from it by less than the errors up to there; the first is the last."""
+    """The rows on one side of a maximum, and whether each is level with it within the errors up to there; the first that is not is
+    the last."""
     limit = ERRORS * error[i]
     for k in range(i - 1, -1, -1) if way < 0 else range(i + 1, len(of)):
         limit = max(limit, ERRORS * error[k])
