@@ -308,11 +308,11 @@ contains
       type(c_motion_t), pointer :: given
       real(c_double), pointer :: coefficients(:, :, :), frequency(:), frequency_estimate(:)
       integer(c_int), pointer :: tuples(:, :)
-      integer(c_size_t), parameter :: largest = int(huge(1), c_size_t)
+      integer(c_size_t), parameter :: max_count = int(huge(1), c_size_t)
 
       call c_f_pointer(address, given)
       associate (n => [given%n_tones, given%n_harmonics, given%n_dofs])
-         if (any(n < 1_c_size_t .or. n > largest)) then
+         if (any(n < 1_c_size_t .or. n > max_count)) then
             call fail(error, "nhbm_verify_motion: n_tones, n_harmonics and n_dofs must be at least 1")
          else if (any_null([given%frequency, given%tuples, given%coefficients])) then
             call fail(error, "nhbm_verify_motion: frequency, tuples and coefficients must not be NULL")

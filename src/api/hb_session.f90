@@ -331,7 +331,7 @@ contains
       type(error_t), allocatable :: failure
       type(level_t) :: level
       real(wp) :: started
-      real(wp), parameter :: here = 0.0_wp                            ! neighbours are not distinguished by a value
+      real(wp), parameter :: undistinguished_value = 0.0_wp           ! neighbours are not distinguished by a value
 
       started = wall_clock()
       call end_curve(self)
@@ -344,11 +344,11 @@ contains
       self%source%model%options%chain%is_on = is_warm
       call self%cancellation%begin_work()
       call self%cancellation%enter(self%source%model%options%solver%time_limit)
-      call run_model(self%source%model, here, self%neighbour, self%source%cached, self%result, level, failure)
+      call run_model(self%source%model, undistinguished_value, self%neighbour, self%source%cached, self%result, level, failure)
       call self%cancellation%leave()
       call self%neighbour%forget()                                    ! the last motion alone is a neighbour
       if (.not. allocated(failure) .and. allocated(level%unknowns)) &
-         call self%neighbour%store(here, level, self%result%n_levels)
+         call self%neighbour%store(undistinguished_value, level, self%result%n_levels)
       if (self%cancellation%verdict == verdict%interrupted) self%result%status = outcome%interrupted
       self%result%solve_seconds = wall_clock() - started
       call complete_result(self)

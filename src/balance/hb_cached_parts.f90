@@ -17,7 +17,7 @@ module hb_cached_parts
    public :: cached_balances_t, cached_parts_t
 
    integer, parameter :: small_grid = 4096                            ! samples of all coordinates
-   real(wp), parameter :: widest = 3.0_wp                             ! highest frequency of an error estimate, by that of the motion
+   real(wp), parameter :: max_frequency_ratio = 3.0_wp ! highest frequency of an error estimate, by that of the motion
 
    !> Owner of external resources: call `destroy`.
    type :: cached_parts_t
@@ -148,7 +148,7 @@ contains
          self%knows_contacts = .true.
       end if
       if (.not. self%has_contacts) return
-      call self%contacts%cover(widest*maxval(abs(frequencies)), is_possible)
+      call self%contacts%cover(max_frequency_ratio*maxval(abs(frequencies)), is_possible)
       if (.not. is_possible) return
       call new_contact_stiffness(stiffness, self%contacts, frequencies, loads)
       allocate (linear)

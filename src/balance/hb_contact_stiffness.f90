@@ -6,8 +6,8 @@ module hb_contact_stiffness
    private
    public :: contact_stiffness_of
 
-   real(wp), parameter :: beyond = 2.0_wp                             !! a gap
-   real(wp), parameter :: softest = 1.0e-6_wp                         !! relative to the stiffest contact
+   real(wp), parameter :: probed_gaps = 2.0_wp                        !! a gap
+   real(wp), parameter :: min_stiffness_ratio = 1.0e-6_wp             !! relative to the stiffest contact
 
 contains
 
@@ -25,7 +25,7 @@ contains
       do i = 1, size(laws)
          call add_law(laws(i)%law, stiffness)
       end do
-      stiffness = max(stiffness, softest*maxval(stiffness))
+      stiffness = max(stiffness, min_stiffness_ratio*maxval(stiffness))
    end function contact_stiffness_of
 
    subroutine add_law(law, stiffness)
@@ -37,7 +37,7 @@ contains
 
       m = size(law%shape, 2)
       n = 2*m + 1
-      distance = beyond*law%length_scale
+      distance = probed_gaps*law%length_scale
       if (.not. distance > 0.0_wp) distance = sqrt(epsilon(1.0_wp))
       allocate (z(n, m), f(n, m), df_dz(n, m, m), source=0.0_wp)
       allocate (v(n, merge(m, 0, law%needs_velocity)), p(n, 0), source=0.0_wp)

@@ -5,7 +5,7 @@ module hb_dense_tangent
    use hb_cancellation, only: work_is_over
    use hb_error, only: error_t
    use hb_fftw, only: new_real_block, real_block_t
-   use hb_hysteresis_tangent, only: width
+   use hb_hysteresis_tangent, only: block_width
    use hb_kinds, only: wp
    use hb_linear_part, only: linear_part_t
    use hb_memory_response, only: find_response, responding_dofs
@@ -167,7 +167,7 @@ contains
                do block = 1, hysteresis%n_blocks()
                   if (work_is_over()) return                         ! the solver ends too
                   call hysteresis%find_block_response(laws%characteristic, b, block)
-                  do in_block = 1, min(width, laws%transform%harmonics%n_harmonics - h)
+                  do in_block = 1, min(block_width, laws%transform%harmonics%n_harmonics - h)
                      h = h + 1
                      do part = 1, 2
                         position = merge(laws%transform%harmonics%cos_at(h), laws%transform%harmonics%sin_at(h), part == 1)

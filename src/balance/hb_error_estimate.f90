@@ -415,7 +415,7 @@ contains
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(in) :: wide                             !! with the derivatives of its laws
       logical, intent(in) :: is_free                                  !! the motion has unknown tones
-      real(wp), parameter :: much = 4.0_wp, much_of_driven = 30.0_wp
+      real(wp), parameter :: stiff_ratio_if_free = 4.0_wp, stiff_ratio_if_driven = 30.0_wp
       integer :: fastest, i
 
       associate (set => wide%law_set, stiffness => balance%stiffness)
@@ -426,7 +426,7 @@ contains
             associate (dof => set%jacobian%row(i))
                if (set%jacobian%column(i) /= dof) cycle
                acts_rigidly = acts_rigidly .or. maxval(abs(set%jacobian%df_dq%values(:, i))) > &
-                              merge(much, much_of_driven, is_free)*abs(stiffness%entry(dof, dof, fastest))
+                              merge(stiff_ratio_if_free, stiff_ratio_if_driven, is_free)*abs(stiffness%entry(dof, dof, fastest))
             end associate
          end do
       end associate

@@ -8,7 +8,7 @@ module hb_hysteresis
    use hb_characteristic, only: characteristic_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
-   use hb_hysteresis_tangent, only: memory_tangent_t, new_memory_tangent, width
+   use hb_hysteresis_tangent, only: block_width, memory_tangent_t, new_memory_tangent
    use hb_hysteretic_law, only: hysteretic_law_t, path_part
    use hb_kinds, only: wp
    use hb_law_samples, only: law_samples_t
@@ -193,8 +193,8 @@ contains
          allocate (self%tangent)
          call new_memory_tangent(self%tangent, characteristic, harmonics, torus, frequencies, size(self%law%shape, 2), &
                                  self%law%n_states)
-         allocate (self%response(torus%n_total, width, 2, size(self%law%shape, 2)))
-         allocate (self%by_sample(2*width*size(self%law%shape, 2), torus%n_total))
+         allocate (self%response(torus%n_total, block_width, 2, size(self%law%shape, 2)))
+         allocate (self%by_sample(2*block_width*size(self%law%shape, 2), torus%n_total))
       end if
       call self%tangent%prepare(self%sliders, self%law, characteristic)
    end subroutine hysteresis_prepare_response

@@ -15,9 +15,9 @@ module hb_hysteresis_tangent
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: memory_tangent_t, new_memory_tangent, width
+   public :: block_width, memory_tangent_t, new_memory_tangent
 
-   integer, parameter :: width = 16                                   !! harmonics of a block
+   integer, parameter :: block_width = 16                             !! harmonics of a block
 
    !> Complex numbers of a block are stored as (width, 2): real parts, imaginary parts.
    type :: memory_tangent_t
@@ -47,19 +47,20 @@ contains
       integer, intent(in) :: n_coordinates, n_states
       integer :: block, h, i, k
 
-      self%n_blocks = (harmonics%n_harmonics + width - 1)/width
+      self%n_blocks = (harmonics%n_harmonics + block_width - 1)/block_width
       associate (n_slice => characteristic%n_slice, n_steps => characteristic%n_steps, tone => characteristic%tone)
          allocate (self%n_harmonics(self%n_blocks))
-         allocate (self%factor(width, 2, n_path_parts, self%n_blocks), source=0.0_wp)
-         allocate (self%lead(width, 2, n_steps, self%n_blocks), self%across(width, 2, n_slice, self%n_blocks), source=0.0_wp)
-         allocate (self%first_slice(width, 2, n_states, n_slice, self%n_blocks, n_coordinates))
-         allocate (self%now(width, 2, n_states, n_slice), self%before(width, 2, n_states, n_slice))
+         allocate (self%factor(block_width, 2, n_path_parts, self%n_blocks), source=0.0_wp)
+         allocate (self%lead(block_width, 2, n_steps, self%n_blocks), source=0.0_wp)
+         allocate (self%across(block_width, 2, n_slice, self%n_blocks), source=0.0_wp)
+         allocate (self%first_slice(block_width, 2, n_states, n_slice, self%n_blocks, n_coordinates))
+         allocate (self%now(block_width, 2, n_states, n_slice), self%before(block_width, 2, n_states, n_slice))
          allocate (self%df_dz(n_slice, n_coordinates, n_coordinates, n_steps))
          allocate (self%df_ds(n_slice, n_coordinates, n_states, n_steps))
          do block = 1, self%n_blocks
-            self%n_harmonics(block) = min(width, harmonics%n_harmonics - (block - 1)*width)
+            self%n_harmonics(block) = min(block_width, harmonics%n_harmonics - (block - 1)*block_width)
             do h = 1, self%n_harmonics(block)
-               k = (block - 1)*width + h
+               k = (block - 1)*block_width + h
                associate (angle => frequencies(k)*characteristic%step, factor => self%factor(h, :, :, block))
                   factor(:, path_part%at_end) = [1.0_wp, 0.0_wp]
                   factor(:, path_part%at_start) = [cos(angle), -sin(angle)]
@@ -165,7 +166,7 @@ contains
    subroutine load_columns(self, memory)
       class(memory_tangent_t), intent(inout) :: self
       type(slider_states_t), intent(in) :: memory
-      real(wp) :: slope, wave(width, 2)
+      real(wp) :: slope, wave(block_width, 2)
       integer :: block, c, k, p
 
       do c = 1, size(self%first_slice, 6)
@@ -190,7 +191,7 @@ contains
       type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
-      real(wp), intent(out) :: df(width, 2, size(memory%path, 2), *)  !! [N/m], (.., n_samples)
+      real(wp), intent(out) :: df(block_width, 2, size(memory%path, 2), *) !! [N/m], (.., n_samples)
       integer :: round
       real(wp) :: change
 
@@ -232,7 +233,7 @@ contains
    subroutine close_columns(self, first)
       class(memory_tangent_t), intent(inout) :: self
       real(wp), intent(inout) :: first(:, :, :, :)                    !! (width, 2, n_states, n_slice)
-      real(wp) :: change(2*width, size(self%closing, 1))
+      real(wp) :: change(2*block_width, size(self%closing, 1))
 
       change = reshape(self%before - first, shape(change))
       self%before = first + reshape(matmul(change, self%closing), shape(first))
@@ -245,12 +246,12 @@ contains
       type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: block, coordinate
-      real(wp), intent(inout), optional :: df(width, 2, size(memory%path, 2), *)
+      real(wp), intent(inout), optional :: df(block_width, 2, size(memory%path, 2), *)
       real(wp), parameter :: per_value = 2.0_wp, per_neighbour = 0.3_wp ! see hb_solver_types%unit_of_work
       integer :: i, p, slice
-      real(wp) :: wave(width, 2)
+      real(wp) :: wave(block_width, 2)
 
-      call spend_work(characteristic%work_of_round(2*width*size(self%now, 3), per_value, per_neighbour))
+      call spend_work(characteristic%work_of_round(2*block_width*size(self%now, 3), per_value, per_neighbour))
       do i = 2, characteristic%n_steps + 1
          slice = 1 + modulo(i - 1, characteristic%n_steps)
          if (slice == 1) self%before = characteristic%closing*self%before
@@ -269,8 +270,8 @@ contains
       type(slider_states_t), intent(in) :: memory
       type(characteristic_t), intent(in) :: characteristic
       integer, intent(in) :: slice, p, coordinate
-      real(wp), intent(in) :: factor(width, 2, n_path_parts), wave(width, 2)
-      real(wp) :: old(width, 2), source(width, 2), slope
+      real(wp), intent(in) :: factor(block_width, 2, n_path_parts), wave(block_width, 2)
+      real(wp) :: old(block_width, 2), source(block_width, 2), slope
       integer :: k, n_states, old_state, part
 
       n_states = size(self%now, 3)
@@ -302,8 +303,8 @@ contains
       integer, intent(in) :: n_states, state
       integer, intent(in), contiguous :: neighbour(:)
       real(wp), intent(in), contiguous :: weight(:)
-      real(wp), intent(in) :: before(2*width, n_states, *)
-      real(wp), intent(out) :: blended(2*width)
+      real(wp), intent(in) :: before(2*block_width, n_states, *)
+      real(wp), intent(out) :: blended(2*block_width)
       integer :: q
 
       if (size(neighbour) == 1) then
@@ -320,8 +321,8 @@ contains
    subroutine store_forces(self, sample, slice, p, coordinate, wave, df)
       class(memory_tangent_t), intent(in) :: self
       integer, intent(in) :: sample, slice, p, coordinate
-      real(wp), intent(in) :: wave(width, 2)
-      real(wp), intent(inout) :: df(width, 2, size(self%df_dz, 2), *)
+      real(wp), intent(in) :: wave(block_width, 2)
+      real(wp), intent(inout) :: df(block_width, 2, size(self%df_dz, 2), *)
       integer :: a, k
 
       do a = 1, size(df, 3)
@@ -334,8 +335,8 @@ contains
 
    !> Product of complex numbers.
    pure function times(a, b) result(c)
-      real(wp), intent(in) :: a(width, 2), b(width, 2)
-      real(wp) :: c(width, 2)
+      real(wp), intent(in) :: a(block_width, 2), b(block_width, 2)
+      real(wp) :: c(block_width, 2)
 
       c(:, 1) = a(:, 1)*b(:, 1) - a(:, 2)*b(:, 2)
       c(:, 2) = a(:, 1)*b(:, 2) + a(:, 2)*b(:, 1)

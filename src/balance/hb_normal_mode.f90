@@ -264,8 +264,8 @@ contains
       real(wp), intent(inout) :: u(:, :)
       real(wp), intent(inout) :: reached                              !! largest fraction of the path so far
       logical, intent(out) :: is_found
-      real(wp), parameter :: parts(4) = [1.0_wp, 0.3_wp, 0.1_wp, 0.01_wp]                      ! of the goal
-      real(wp), parameter :: usual(6) = [0.3_wp, -0.3_wp, 1.0_wp, -1.0_wp, 3.0_wp, -3.0_wp]    ! shares of the second mode
+      real(wp), parameter :: goal_shares(4) = [1.0_wp, 0.3_wp, 0.1_wp, 0.01_wp]                ! of the goal
+      real(wp), parameter :: second_mode_shares(6) = [0.3_wp, -0.3_wp, 1.0_wp, -1.0_wp, 3.0_wp, -3.0_wp] ! shares of the second mode
       integer, parameter :: max_paths = 4
       type(resonant_t), allocatable :: resonant(:)
       real(wp), allocatable :: frequencies(:), shares(:)
@@ -275,21 +275,21 @@ contains
       is_found = .false.
       n_paths = 0
       call find_resonant(search, resonant)
-      do p = 1, size(parts)
+      do p = 1, size(goal_shares)
          do k = 1, size(resonant)
             do phase = 1, 2
-               call begin_alone(parts(p), alone)
+               call begin_alone(goal_shares(p), alone)
                if (search%report%status /= outcome%pending) return
                call find_shares(search, alone, resonant(k), phase == 2, shares, frequencies)
-               shares = [shares, usual]
-               frequencies = [frequencies, spread(search%balance%omega(search%tones(1)), 1, size(usual))]
+               shares = [shares, second_mode_shares]
+               frequencies = [frequencies, spread(search%balance%omega(search%tones(1)), 1, size(second_mode_shares))]
                do i = 1, size(shares)
-                  call begin_alone(parts(p), alone)
+                  call begin_alone(goal_shares(p), alone)
                   u = with_resonant(search, alone, resonant(k), shares(i), phase == 2)
                   call move_to_frequency(search, frequencies(i))
-                  call solve_at(search, goal, parts(p), search%config, .false., u)
+                  call solve_at(search, goal, goal_shares(p), search%config, .false., u)
                   if (search%report%status /= outcome%converged .or. .not. has_fundamental(search, u)) cycle
-                  call follow_to_goal(search, goal, parts(p), u, reached, is_found)
+                  call follow_to_goal(search, goal, goal_shares(p), u, reached, is_found)
                   n_paths = n_paths + 1
                   if (is_found .or. n_paths >= max_paths) return
                end do

@@ -54,7 +54,7 @@ contains
    pure integer function bytes_of_character(text, i) result(n)
       character(*), intent(in) :: text
       integer, intent(in) :: i
-      integer, parameter :: lowest(4) = [0, 128, 2048, 65536]         ! smallest code that needs as many bytes
+      integer, parameter :: lowest_code(4) = [0, 128, 2048, 65536]    ! smallest code that needs as many bytes
       integer :: code, k
 
       code = ichar(text(i:i))
@@ -85,7 +85,7 @@ contains
          if (n == 0) return
          code = 64*code + modulo(ichar(text(k:k)), 64)
       end do
-      if (code < lowest(n) .or. code > 1114111 .or. code/2048 == 27) then   ! too long a form, beyond Unicode, a surrogate
+      if (code < lowest_code(n) .or. code > 1114111 .or. code/2048 == 27) then ! too long a form, beyond Unicode, a surrogate
          n = 0
       else if (code < 160 .or. any(code == [8232, 8233]) .or. (code >= 8234 .and. code <= 8238) .or. &
                (code >= 8294 .and. code <= 8297)) then

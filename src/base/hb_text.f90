@@ -242,13 +242,13 @@ contains
    pure subroutine write_short(value, text)
       real(wp), intent(in) :: value                         !! 0 or of a magnitude in [0.01, 1e6)
       character(:), allocatable, intent(out) :: text
-      integer(int64), parameter :: unit = 100000000_int64
+      integer(int64), parameter :: units_of_decimals = 100000000_int64
       character(20) :: buffer
       integer(int64) :: whole
       integer :: i, last
 
-      whole = nint(abs(value)*unit, int64)
-      if (abs(real(whole, wp)/unit - abs(value)) > 0.0_wp) return
+      whole = nint(abs(value)*units_of_decimals, int64)
+      if (abs(real(whole, wp)/units_of_decimals - abs(value)) > 0.0_wp) return
       do i = len(buffer), 13, -1
          buffer(i:i) = achar(iachar("0") + int(mod(whole, 10_int64)))
          whole = whole/10
@@ -263,12 +263,12 @@ contains
    pure function lower(text) result(changed)
       character(*), intent(in) :: text
       character(len(text)) :: changed
-      integer, parameter :: step = iachar("a") - iachar("A")
+      integer, parameter :: lower_case_offset = iachar("a") - iachar("A")
       integer :: i
 
       do i = 1, len(text)
          if (text(i:i) >= "A" .and. text(i:i) <= "Z") then
-            changed(i:i) = achar(iachar(text(i:i)) + step)
+            changed(i:i) = achar(iachar(text(i:i)) + lower_case_offset)
          else
             changed(i:i) = text(i:i)
          end if
@@ -546,12 +546,12 @@ contains
 
    pure integer function shown_length(text) result(n)
       character(*), intent(in) :: text
-      integer, parameter :: longest = 60
+      integer, parameter :: max_shown_bytes = 60
 
       n = len(text)
-      if (n <= longest) return
-      n = longest
-      do while (n > longest - 4)
+      if (n <= max_shown_bytes) return
+      n = max_shown_bytes
+      do while (n > max_shown_bytes - 4)
          if (iand(ichar(text(n + 1:n + 1)), 192) /= 128) exit
          n = n - 1
       end do

@@ -10,7 +10,7 @@ module hb_crash_handler
    public :: install_crash_handler, install_file_handler, protect_outside_code, record_entry, remove_crash_handler
 
    integer(c_int), parameter :: bad_input = 2                         ! exit status, docs/user/running.md
-   integer, parameter :: longest = 1000
+   integer, parameter :: max_bytes = 1000
    real(wp), parameter :: seconds_at_least = 2.0_wp                   ! for any file; most take 0.01 s
    real(wp), parameter :: bytes_per_second = 1.0e6_wp                 ! a hundredth of the usual reading speed
    real(wp), parameter :: bytes_at_least = 2.0_wp**29                 ! of memory, for any file
@@ -49,8 +49,8 @@ contains
       limits = 0.0_c_double
       if (present(seconds)) limits(1) = seconds
       if (present(bytes)) limits(2) = bytes
-      words = printable(text(:min(len(text), longest)))
-      ignored = hb_install_crash_handler("nhbm: "//words(:min(len(words), longest))//c_null_char, bad_input, limits(1), limits(2))
+      words = printable(text(:min(len(text), max_bytes)))
+      ignored = hb_install_crash_handler("nhbm: "//words(:min(len(words), max_bytes))//c_null_char, bad_input, limits(1), limits(2))
    end subroutine install_crash_handler
 
    !> Protects calls of user libraries and their loader from now on.

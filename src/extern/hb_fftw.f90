@@ -71,7 +71,7 @@ module hb_fftw
    integer, parameter :: n_slots = 128                                ! in the store, unless more are in use at once
    type(stored_plan_t), allocatable, save :: store(:)
    integer(int64), save :: n_uses = 0
-   integer(c_size_t), parameter :: many = 524288                       ! size of a block that large pages make faster: 4 MiB
+   integer(c_size_t), parameter :: min_values_of_large_pages = 524288  ! size of a block that large pages make faster: 4 MiB
 
    interface
       subroutine prefer_large_pages(memory, n_bytes) bind(c, name="hb_prefer_large_pages")
@@ -121,7 +121,7 @@ contains
          call fail(error, "out of memory for samples of the torus")
          return
       end if
-      if (n_values >= many) call prefer_large_pages(self%memory, 8*n_values)
+      if (n_values >= min_values_of_large_pages) call prefer_large_pages(self%memory, 8*n_values)
       call c_f_pointer(self%memory, self%values, [n, m])
    end subroutine allocate_block
 

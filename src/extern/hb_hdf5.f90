@@ -484,11 +484,11 @@ contains
       integer, allocatable, intent(out) :: values(:)
       type(error_t), allocatable, intent(inout) :: error
       integer, intent(in), optional :: extents(:), row
-      real(wp), parameter :: largest = real(huge(1), wp)
+      real(wp), parameter :: largest_integer = real(huge(1), wp)
       real(wp), allocatable :: numbers(:)
 
       call self%get(name, numbers, error, extents, row)
-      if (.not. allocated(error)) values = nint(max(-largest, min(numbers, largest)))
+      if (.not. allocated(error)) values = nint(max(-largest_integer, min(numbers, largest_integer)))
    end subroutine file_get_integer
 
    !> As for numbers: strings padded with blanks.

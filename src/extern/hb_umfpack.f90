@@ -12,7 +12,7 @@ module hb_umfpack
    integer(c_int), parameter :: of_matrix = 0, of_conjugate_transpose = 1           ! UMFPACK_A, UMFPACK_At
    integer(c_int), parameter :: is_good = 0                                         ! UMFPACK_OK; positive is a warning
    integer, parameter :: n_control = 20, n_info = 90
-   integer, parameter :: strategy = 6, symmetric_strategy = 3                        ! UMFPACK_STRATEGY, counted from 1
+   integer, parameter :: strategy_index = 6, symmetric_strategy = 3                  ! UMFPACK_STRATEGY, counted from 1
    integer, parameter :: refinement_steps = 8                                       ! UMFPACK_IRSTEP, likewise
 
    type :: umfpack_t
@@ -88,7 +88,7 @@ contains
       self%first = first - 1
       self%row = row - 1
       call umfpack_zi_defaults(control)
-      control(strategy) = symmetric_strategy
+      control(strategy_index) = symmetric_strategy
       is_done = umfpack_zi_symbolic(self%n, self%n, self%first, self%row, c_null_ptr, c_null_ptr, self%symbolic, control, info) &
                 == is_good
    end function umfpack_analyse

@@ -10,7 +10,7 @@ module hb_birkhoff
    private
    public :: average_at, bump_weights, coefficients_at
 
-   integer, parameter :: block_size = 512, width = 8                  ! sums side by side, for vector registers
+   integer, parameter :: block_size = 512, n_partial_sums = 8         ! sums side by side, for vector registers
 
 contains
 
@@ -34,7 +34,7 @@ contains
       real(wp), intent(in), contiguous :: weighted(:)                 !! x times weights of sum 1, (n_samples)
       real(wp), intent(in) :: start, step                             !! [s]
       real(wp), intent(in) :: frequency                               !! w [rad/s]
-      real(wp) :: cosines(block_size), sines(block_size), in_phase(width), quadrature(width), phase
+      real(wp) :: cosines(block_size), sines(block_size), in_phase(n_partial_sums), quadrature(n_partial_sums), phase
       integer :: first, i, n
 
       do i = 1, block_size
@@ -47,11 +47,11 @@ contains
          n = min(block_size, size(weighted) - first + 1)
          in_phase = 0.0_wp
          quadrature = 0.0_wp
-         do i = 1, n - width + 1, width
-            in_phase = in_phase + weighted(first + i - 1:first + i + width - 2)*cosines(i:i + width - 1)
-            quadrature = quadrature + weighted(first + i - 1:first + i + width - 2)*sines(i:i + width - 1)
+         do i = 1, n - n_partial_sums + 1, n_partial_sums
+            in_phase = in_phase + weighted(first + i - 1:first + i + n_partial_sums - 2)*cosines(i:i + n_partial_sums - 1)
+            quadrature = quadrature + weighted(first + i - 1:first + i + n_partial_sums - 2)*sines(i:i + n_partial_sums - 1)
          end do
-         do i = n - modulo(n, width) + 1, n
+         do i = n - modulo(n, n_partial_sums) + 1, n
             in_phase(1) = in_phase(1) + weighted(first + i - 1)*cosines(i)
             quadrature(1) = quadrature(1) + weighted(first + i - 1)*sines(i)
          end do

@@ -78,7 +78,7 @@ contains
       integer, intent(in) :: least(:)                                 !! fast numbers, (n_tones)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0
       integer :: n_samples(size(least))
-      real(wp), parameter :: off = 0.02_wp                            ! of an offset, from a whole number of samples
+      real(wp), parameter :: max_offset = 0.02_wp                     ! of an offset, from a whole number of samples
       real(wp), parameter :: max_more = 2.0_wp                       ! samples
       real(wp) :: fewest, ideal
       integer :: best(size(least)), lead, m, n, steps
@@ -95,8 +95,9 @@ contains
                if (m == lead) cycle
                do steps = 1, int(longest_step)
                   ideal = steps*n*omega(lead)/omega(m)
-                  associate (nearest => fast_size(max(least(m), ceiling(ideal*(1.0_wp - off)))))
-                     if (nearest <= ideal*merge(1.0_wp, 1.0_wp + off, steps == int(longest_step))) best(m) = min(best(m), nearest)
+                  associate (nearest => fast_size(max(least(m), ceiling(ideal*(1.0_wp - max_offset)))))
+                     if (nearest <= ideal*merge(1.0_wp, 1.0_wp + max_offset, steps == int(longest_step))) &
+                        best(m) = min(best(m), nearest)
                   end associate
                end do
             end do

@@ -97,10 +97,10 @@ contains
       class(kink_grid_t), intent(in) :: self
       integer, intent(in) :: part                                     !! 1 to n_parts
       integer :: steps(size(self%n))
-      integer, parameter :: along(4) = [-2, -1, 1, 2]
+      integer, parameter :: offsets_along(4) = [-2, -1, 1, 2]
 
       steps = 0
-      steps(1 + (part - 1)/4) = along(1 + modulo(part - 1, 4))
+      steps(1 + (part - 1)/4) = offsets_along(1 + modulo(part - 1, 4))
    end function kink_grid_shift
 
    !> Adds the sampling errors of a function of z to its samples f, and their derivatives with respect to the samples
@@ -242,7 +242,7 @@ contains
       real(wp), intent(in) :: a(n), b(n), c(n), d(n)                  !! values before, at, after and beyond each cell [m]
       real(wp), intent(in) :: position                                !! [m]
       real(wp), intent(out) :: distance(n)                            !! [m]
-      real(wp), parameter :: furthest = 2.0_wp/27.0_wp
+      real(wp), parameter :: max_overshoot_ratio = 2.0_wp/27.0_wp
       real(wp) :: at_left, at_right
       integer :: i
 
@@ -250,7 +250,7 @@ contains
          at_left = b(i) - position
          at_right = c(i) - position
          distance(i) = max(min(at_left, at_right), -max(at_left, at_right)) &
-                       - furthest*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
+                       - max_overshoot_ratio*(abs(a(i) - 2.0_wp*b(i) + c(i)) + abs(b(i) - 2.0_wp*c(i) + d(i)))
       end do
    end subroutine find_distances
 

@@ -299,13 +299,13 @@ contains
    pure integer function slot_of(self, tuple) result(slot)
       class(tuple_union_t), intent(in) :: self
       integer, intent(in) :: tuple(:)
-      integer(int64), parameter :: offset = 2166136261_int64, prime = 16777619_int64, mask = 4294967295_int64
+      integer(int64), parameter :: fnv_offset = 2166136261_int64, fnv_prime = 16777619_int64, bits_32 = 4294967295_int64
       integer(int64) :: hash
       integer :: m
 
-      hash = offset
+      hash = fnv_offset
       do m = 1, size(tuple)
-         hash = iand(ieor(hash, iand(int(tuple(m), int64), mask))*prime, mask)
+         hash = iand(ieor(hash, iand(int(tuple(m), int64), bits_32))*fnv_prime, bits_32)
          hash = ieor(hash, ishft(hash, -15)) ! mix high bits into the low ones, in which small entries differ
       end do
       slot = 1 + int(iand(hash, int(size(self%slots) - 1, int64)))      ! a division would take longer than all the rest

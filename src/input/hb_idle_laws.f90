@@ -196,7 +196,7 @@ contains
       class(law_t), intent(in) :: law
       type(law_box_t), allocatable :: active(:)
       real(wp), allocatable :: free(:, :)
-      real(wp), parameter :: rounding = 1.0e-9_wp                     ! of a motion of length 1
+      real(wp), parameter :: zero_displacement = 1.0e-9_wp            ! of a motion of length 1
       integer, allocatable :: places(:, :)
       integer :: i, k, place
 
@@ -214,7 +214,8 @@ contains
       places = reshape(law%dofs, [size(law%dofs), 1])
       if (allocated(law%positions)) places = law%positions
       do place = 1, size(places, 2)
-         is_at_free_body = is_at_free_body .or. any(abs(matmul(transpose(law%shape), free(places(:, place), :))) > rounding)
+         is_at_free_body = is_at_free_body .or. &
+                           any(abs(matmul(transpose(law%shape), free(places(:, place), :))) > zero_displacement)
       end do
    end function is_at_free_body
 

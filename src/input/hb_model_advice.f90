@@ -20,7 +20,7 @@ module hb_model_advice
    private
    public :: advise_on_combination, advise_on_drive, advise_on_model
 
-   real(wp), parameter :: rounding = 1.0e-12_wp                       ! of a frequency that is zero
+   real(wp), parameter :: frequency_rounding = 1.0e-12_wp             ! of a frequency that is zero
    real(wp), parameter :: max_tone_ratio = 50.0_wp ! of a tone to the highest natural frequency, or of the lowest to it
    real(wp), parameter :: max_tolerance = 0.2_wp                      ! error of a motion
    real(wp), parameter :: max_length = 100.0_wp                       ! of a gap [m]
@@ -135,7 +135,7 @@ contains
       lowest = minval(natural)
       associate (tones => system%tones)
          fastest = maxval(tones%omega, mask=.not. tones%is_unknown)
-         if (.not. (fastest > 0.0_wp .and. highest > rounding*fastest)) return
+         if (.not. (fastest > 0.0_wp .and. highest > frequency_rounding*fastest)) return
          associate (tone => rounded_to(tones%in_unit(fastest), n_known))
             if (fastest > max_tone_ratio*highest .and. .not. system%structure%up_to > 0.0_wp) then
                call list%add(advice%fast_tone, [tone, max_tone_ratio, rounded_to(tones%in_unit(highest), 4)], tones%unit())
@@ -212,10 +212,10 @@ contains
 
       if (tones%n_tones < 2 .or. any(tones%is_unknown)) return
       call near_commensurate(tones, k, frequency)
-      if (frequency > max(limit, rounding)*maxval(tones%omega)) return
+      if (frequency > max(limit, frequency_rounding)*maxval(tones%omega)) return
       k = k/common_divisor(k)
       frequency = abs(dot_product(k, tones%omega))
-      if (frequency > rounding*maxval(tones%omega)) then
+      if (frequency > frequency_rounding*maxval(tones%omega)) then
          call list%add(advice%near_commensurate, [real(wp) :: tones%in_unit(frequency), k], list_of(tones), tones%unit())
       else
          call advise_on_fewer(tones, k, list)
@@ -281,7 +281,7 @@ contains
       integer, intent(in) :: largest
 
       associate (ratio => omega/common)
-         is_multiple = ratio < largest + 0.5_wp .and. abs(ratio - anint(ratio)) <= rounding*ratio .and. ratio > 0.5_wp
+         is_multiple = ratio < largest + 0.5_wp .and. abs(ratio - anint(ratio)) <= frequency_rounding*ratio .and. ratio > 0.5_wp
       end associate
    end function is_multiple
 

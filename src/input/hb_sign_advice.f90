@@ -14,8 +14,8 @@ module hb_sign_advice
    private
    public :: advise_on_signs, is_gyrator, numbers_of
 
-   real(wp), parameter :: rounding = 1.0e-9_wp                        ! of an eigenvalue, relative to the largest entry
-   real(wp), parameter :: zero = 1.0e-11_wp                           ! of an entry, likewise: rigid body modes of a reduction
+   real(wp), parameter :: value_rounding = 1.0e-9_wp                  ! of an eigenvalue, relative to the largest entry
+   real(wp), parameter :: entry_rounding = 1.0e-11_wp                 ! of an entry, likewise: rigid body modes of a reduction
    integer, parameter :: n_shown = 4                                  ! digits of a number
    integer, parameter :: max_dofs = 100                               ! of a structure whose eigenvalues take milliseconds
 
@@ -93,7 +93,7 @@ contains
 
       is_gyroscopic = .false.
       if (allocated(structure%damping)) &
-         is_gyroscopic = any(abs(structure%damping - transpose(structure%damping)) > rounding*maxval(abs(structure%damping)))
+         is_gyroscopic = any(abs(structure%damping - transpose(structure%damping)) > value_rounding*maxval(abs(structure%damping)))
    end function is_gyroscopic
 
    !> Names a matrix with negative numbers on its diagonal or, if it is not large, with negative eigenvalues of its
@@ -109,12 +109,12 @@ contains
       integer :: at, i, info
 
       at = minloc(diagonal, dim=1)
-      if (diagonal(at) < -zero*maxval(abs(diagonal))) then
+      if (diagonal(at) < -entry_rounding*maxval(abs(diagonal))) then
          call list%add(numbers(1), [diagonal(at)], structure%labels(at), unit_of(name, structure%units(at)))
          return
       end if
       if (structure%n_dofs > max_dofs .or. .not. allocated(matrix)) return
-      if (name == "stiffness" .and. any(abs(matrix - transpose(matrix)) > rounding*maxval(abs(matrix)))) return
+      if (name == "stiffness" .and. any(abs(matrix - transpose(matrix)) > value_rounding*maxval(abs(matrix)))) return
       allocate (a, source=0.5_wp*(matrix + transpose(matrix)))
       allocate (b(size(a, 1), size(a, 1)), source=0.0_wp)
       do i = 1, size(a, 1)
@@ -123,7 +123,7 @@ contains
       allocate (values(size(a, 1)), work(3*size(a, 1)))
       call dsygv(1, "V", "U", size(a, 1), a, size(a, 1), b, size(a, 1), values, work, size(work), info)
       if (info /= 0) return
-      if (values(1) >= -rounding*maxval(abs(values))) return
+      if (values(1) >= -value_rounding*maxval(abs(values))) return
       at = maxloc(abs(a(:, 1)), dim=1)
       call list%add(numbers(2), [rounded_to(values(1), n_shown)], structure%labels(at))
    end subroutine advise_on_matrix

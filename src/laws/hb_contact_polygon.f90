@@ -93,7 +93,7 @@ contains
       real(wp), intent(in) :: distances(:)                            !! (n_contacts)
       integer, allocatable, intent(out) :: retained(:)
       character(:), allocatable, intent(out) :: failure
-      real(wp), parameter :: sides(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
+      real(wp), parameter :: box_normals(4, 2) = reshape([1.0_wp, 0.0_wp, -1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, 0.0_wp, -1.0_wp], [4, 2])
       real(wp) :: angle(size(distances) + 4), h(size(distances) + 4), n(size(distances) + 4, 2), scale
       logical :: is_side(size(distances) + 4)
       integer :: i, k
@@ -102,7 +102,7 @@ contains
          scale = maxval(abs(distances/length))
          if (scale <= 0.0_wp) scale = 1.0_wp
          n(:size(distances), :) = normals/spread(length, 2, 2)
-         n(size(distances) + 1:, :) = sides
+         n(size(distances) + 1:, :) = box_normals
          h = [distances/length, spread(box_half_width*scale, 1, 4)]
       end associate
       angle = atan2(n(:, 2), n(:, 1))

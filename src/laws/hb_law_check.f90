@@ -12,7 +12,7 @@ module hb_law_check
    public :: check_derivatives, check_derivatives_at, derivative_check_t, derivative_tolerance, find_fault, mixed_samples
 
    integer, parameter :: n_samples = 400
-   real(wp), parameter :: step = 1.0e-5_wp                            ! relative to the magnitude of a sample
+   real(wp), parameter :: coarse_step = 1.0e-5_wp                     ! relative to the magnitude of a sample
    real(wp), parameter :: difference_agreement = 1.0e-6_wp            ! of both differences, relative
    real(wp), parameter :: rounding_units = 20.0_wp                    ! units in the last place: rounding of a force
    real(wp), parameter :: derivative_tolerance = 1.0e-5_wp            !! relative difference above which a derivative is wrong
@@ -75,7 +75,7 @@ contains
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_samples)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       type(derivative_check_t), intent(out) :: check
-      real(wp), parameter :: small = 1.0e-3_wp                        ! part of the largest sample that is a magnitude at least
+      real(wp), parameter :: min_sample_ratio = 1.0e-3_wp             ! part of the largest sample that is a magnitude at least
       real(wp), parameter :: small_slope = 1.0e-4_wp                  ! where a force is flat, differences have no digits
       class(law_t), allocatable :: law
       type(samples_t) :: samples
@@ -102,7 +102,7 @@ contains
 
          largest = maxval(abs(x))
          if (.not. largest > 0.0_wp) largest = 1.0_wp
-         magnitude = max(maxval(abs(x), dim=2), small*largest)
+         magnitude = max(maxval(abs(x), dim=2), min_sample_ratio*largest)
       end function magnitude_of
    end subroutine check_derivatives_at
 
@@ -252,7 +252,7 @@ contains
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
       real(wp), intent(in) :: f(:, :)                                 !! (n_samples, n_coordinates)
-      real(wp), parameter :: rounding = 1.0e-12_wp                    ! of the largest force
+      real(wp), parameter :: force_rounding = 1.0e-12_wp              ! of the largest force
       type(samples_t) :: mirrored
       real(wp) :: f_mirrored(size(f, 1), size(f, 2)), size_of_sample(size(f, 1))
       integer :: a
@@ -264,7 +264,7 @@ contains
       is_mirrored = .true.
       do a = 1, size(f, 2)
          is_mirrored = is_mirrored .and. .not. any(ieee_is_finite(f(:, a)) .and. ieee_is_finite(f_mirrored(:, a)) .and. &
-            abs(f(:, a) + f_mirrored(:, a)) > derivative_tolerance*size_of_sample + rounding*maxval(size_of_sample))
+            abs(f(:, a) + f_mirrored(:, a)) > derivative_tolerance*size_of_sample + force_rounding*maxval(size_of_sample))
       end do
    end function is_mirrored
 
@@ -301,13 +301,13 @@ contains
    !> Whether two results agree up to rounding; NaN agrees with NaN.
    pure logical function are_the_same(a, b)
       real(wp), intent(in) :: a(:), b(:)
-      real(wp), parameter :: rounding = 1.0e-12_wp
+      real(wp), parameter :: force_rounding = 1.0e-12_wp
       logical :: is_number(size(a))
 
       is_number = ieee_is_finite(a)
       are_the_same = all(is_number .eqv. ieee_is_finite(b))
       if (.not. (are_the_same .and. any(is_number))) return
-      are_the_same = maxval(abs(pack(a, is_number) - pack(b, is_number))) <= rounding*maxval(abs(pack(a, is_number)))
+      are_the_same = maxval(abs(pack(a, is_number) - pack(b, is_number))) <= force_rounding*maxval(abs(pack(a, is_number)))
    end function are_the_same
 
    !> Whether the law depends on this kind of motion: 1 displacement, 2 rate, 3 reaction.
@@ -328,7 +328,7 @@ contains
       class(law_t), intent(in) :: law
       integer, intent(in) :: n_tones
       type(samples_t), intent(out) :: samples
-      real(wp), parameter :: decades(2) = [-2.0_wp, 1.0_wp]
+      real(wp), parameter :: decades_of_length(2) = [-2.0_wp, 1.0_wp]
       integer, allocatable :: seed(:), seed_before(:)
       integer :: c, i, kind_of_motion, n
       real(wp) :: length
@@ -345,7 +345,7 @@ contains
       call random_seed(put=seed_before)
       length = law%length_scale
       if (length <= 0.0_wp) length = 1.0_wp
-      samples%magnitude = length*10.0_wp**(decades(1) + (decades(2) - decades(1))*samples%magnitude)
+      samples%magnitude = length*10.0_wp**(decades_of_length(1) + (decades_of_length(2) - decades_of_length(1))*samples%magnitude)
       samples%motion = 2.0_wp*samples%motion - 1.0_wp
       do kind_of_motion = 1, 3
          do c = 1, size(samples%motion, 2)
@@ -367,8 +367,8 @@ contains
       integer :: a, i
       logical :: agrees
 
-      call central_difference(law, samples, kind_of_motion, b, step, coarse, noise)
-      call central_difference(law, samples, kind_of_motion, b, step/2, fine, noise)
+      call central_difference(law, samples, kind_of_motion, b, coarse_step, coarse, noise)
+      call central_difference(law, samples, kind_of_motion, b, coarse_step/2, fine, noise)
       tolerable = derivative_tolerance*samples%least_slope*maxval(abs(slope), 1, ieee_is_finite(slope))
       worst = 0.0_wp
       do i = 1, size(slope, 1)

@@ -164,13 +164,13 @@ contains
       real(wp), intent(in), contiguous :: z(:, :), v(:, :)
       integer, intent(in) :: tone
       real(wp), intent(out), contiguous :: slope(:, :)
-      real(wp), parameter :: step = epsilon(1.0_wp)**(1.0_wp/3.0_wp)  ! relative
+      real(wp), parameter :: relative_step = epsilon(1.0_wp)**(1.0_wp/3.0_wp) ! relative
       type(law_input_t) :: input
       real(wp) :: lower(size(slope, 1), size(slope, 2)), h
       integer :: codes(2)
 
       input = law_input_t(self%parameters, z, v, self%phases, self%omega)
-      h = step*self%omega(tone)
+      h = relative_step*self%omega(tone)
       input%frequencies(tone) = self%omega(tone) + h
       codes(1) = self%library%evaluate(input, slope)
       input%frequencies(tone) = self%omega(tone) - h

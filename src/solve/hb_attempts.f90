@@ -21,8 +21,8 @@ module hb_attempts
    public :: motion_conditions_t, point_conditions_t, row_after, row_of, solver_conditions_t, stage, starting_point, technique
 
    integer, parameter :: max_stagnant_iterations = 10 ! without a clear gain, where other attempts remain
-   real(wp), parameter :: half = 0.5_wp               ! of what remains of the budget, so that no attempt exhausts it
-   real(wp), parameter :: quarter = 0.25_wp           ! of the budget, for the time integration of a first guess
+   real(wp), parameter :: half_share = 0.5_wp         ! of what remains of the budget, so that no attempt exhausts it
+   real(wp), parameter :: quarter_share = 0.25_wp     ! of the budget, for the time integration of a first guess
 
    !> What attempts are for; each stage makes those of the stages before it.
    type :: stage_t
@@ -120,19 +120,19 @@ module hb_attempts
       attempt_rule_t(attempt_row%direct, "direct", fallback%none, &
                      technique%direct, starting_point%first_guess, max_stagnant_iterations, 0.0_wp, .false.), &
       attempt_rule_t(attempt_row%other_guess, "other_guess", fallback%other_guess, &
-                     technique%direct, starting_point%other_guess, max_stagnant_iterations, half, .false.), &
+                     technique%direct, starting_point%other_guess, max_stagnant_iterations, half_share, .false.), &
       attempt_rule_t(attempt_row%fewer_harmonics, "fewer_harmonics", fallback%fewer_harmonics, &
-                     technique%smaller_problems, starting_point%first_guess, 0, half, .false.), &
+                     technique%smaller_problems, starting_point%first_guess, 0, half_share, .false.), &
       attempt_rule_t(attempt_row%damping, "damping", fallback%damping, &
-                     technique%damping_homotopy, starting_point%zero, max_stagnant_iterations, half, .true.), &
+                     technique%damping_homotopy, starting_point%zero, max_stagnant_iterations, half_share, .true.), &
       attempt_rule_t(attempt_row%nonlinearity_homotopy, "nonlinearity_homotopy", fallback%nonlinearity, &
-                     technique%nonlinearity_homotopy, starting_point%linear_solution, 0, half, .true.), &
+                     technique%nonlinearity_homotopy, starting_point%linear_solution, 0, half_share, .true.), &
       attempt_rule_t(attempt_row%direct_all_iterations, "direct_all_iterations", fallback%none, &
-                     technique%direct, starting_point%first_guess, 0, half, .true.), &
+                     technique%direct, starting_point%first_guess, 0, half_share, .true.), &
       attempt_rule_t(attempt_row%other_method, "other_method", fallback%other_method, &
-                     technique%other_method, starting_point%first_guess, 0, half, .true.), &
+                     technique%other_method, starting_point%first_guess, 0, half_share, .true.), &
       attempt_rule_t(attempt_row%load_homotopy, "load_homotopy", fallback%load, &
-                     technique%load_homotopy, starting_point%zero, 0, half, .true.), &
+                     technique%load_homotopy, starting_point%zero, 0, half_share, .true.), &
       !
       attempt_rule_t(attempt_row%integration_first, "integration_first", technique=technique%integration, stage=stage%motion), &
       attempt_rule_t(attempt_row%odd_set, "odd_set", stage=stage%motion, on_success=attempt_row%integration), &
@@ -146,12 +146,12 @@ module hb_attempts
       attempt_rule_t(attempt_row%first_set, "first_set", stage=stage%point, on_success=attempt_row%refinement), &
       attempt_rule_t(attempt_row%larger_first_set, "larger_first_set", stage=stage%point, on_success=attempt_row%refinement), &
       attempt_rule_t(attempt_row%smaller_first_set, "smaller_first_set", stage=stage%point, on_success=attempt_row%refinement), &
-      attempt_rule_t(attempt_row%integrated_guess, "integrated_guess", kind=fallback%integration, share=quarter, &
+      attempt_rule_t(attempt_row%integrated_guess, "integrated_guess", kind=fallback%integration, share=quarter_share, &
                      stage=stage%point, on_success=attempt_row%refinement), &
       attempt_rule_t(attempt_row%lines, "lines", technique=technique%integration, stage=stage%point, on_failure=attempt_row%none), &
       attempt_rule_t(attempt_row%refinement, "refinement", stage=stage%point, on_success=attempt_row%finer_for_stability), &
       attempt_rule_t(attempt_row%without_neighbour, "without_neighbour", stage=stage%point), &
-      attempt_rule_t(attempt_row%refinement_integrated, "refinement_integrated", kind=fallback%integration, share=quarter, &
+      attempt_rule_t(attempt_row%refinement_integrated, "refinement_integrated", kind=fallback%integration, share=quarter_share, &
                      stage=stage%point), &
       attempt_rule_t(attempt_row%lines_from_motion, "lines_from_motion", technique=technique%integration, stage=stage%point, &
                      on_success=attempt_row%next, on_failure=attempt_row%none), &

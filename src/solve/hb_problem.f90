@@ -19,7 +19,7 @@ module hb_problem
    end type deformation_t
    type(deformation_t), parameter :: deformation = deformation_t()
 
-   real(wp), parameter :: steepness = 14.0_wp                         ! of an amount along the deformation, about six decades
+   real(wp), parameter :: log_slope_ratio = 14.0_wp                   ! of an amount along the deformation, about six decades
    real(wp), parameter :: max_position = 2.0_wp                       ! position beyond which it is constant
 
    !> Solvers work with x/x_scale and r/r_scale, so that results do not depend on the units of a model.
@@ -212,13 +212,14 @@ contains
       call self%residual(x, derivative)
       call self%deform(-which, amount)
       call self%residual(x, r)
-      derivative = (derivative - r)/amount_distance*steepness*exp(steepness*min(position, max_position))/(exp(steepness) - 1.0_wp)
+      derivative = (derivative - r)/amount_distance*log_slope_ratio*exp(log_slope_ratio*min(position, max_position))/ &
+                   (exp(log_slope_ratio) - 1.0_wp)
    end subroutine deformation_derivative
 
    pure real(wp) function amount_at(position)
       real(wp), intent(in) :: position
 
-      amount_at = (exp(steepness*min(position, max_position)) - 1.0_wp)/(exp(steepness) - 1.0_wp)
+      amount_at = (exp(log_slope_ratio*min(position, max_position)) - 1.0_wp)/(exp(log_slope_ratio) - 1.0_wp)
    end function amount_at
 
    !> Smallest fraction of its size, in each dimension, at which a reduced problem still approximates this one; 1:

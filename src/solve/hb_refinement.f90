@@ -12,7 +12,7 @@ module hb_refinement
    private
    public :: refinable_t, refine, refinement_end
 
-   real(wp), parameter :: idle = 0.8_wp                               ! of the previous estimate: larger ones count as no gain
+   real(wp), parameter :: max_estimate_ratio = 0.8_wp                 ! of the previous estimate: larger ones count as no gain
 
    type :: ends_t
       integer :: pending = 0
@@ -87,7 +87,7 @@ contains
          self%n_levels = self%n_levels + 1
          self%n_failures = merge(0, self%n_failures + 1, is_solved)
          if (is_solved) then
-            n_idle = merge(n_idle + 1, 0, self%estimate > idle*before)
+            n_idle = merge(n_idle + 1, 0, self%estimate > max_estimate_ratio*before)
             if (self%is_accurate()) ending = refinement_end%accurate
          end if
          if (ending /= refinement_end%pending) exit

@@ -331,7 +331,7 @@ contains
       real(wp), parameter :: intermediate_tolerance = 1.0e-3_wp       ! with damping
       real(wp), parameter :: largest_loss = 1.0_wp, min_loss = 1.0e-4_wp
       real(wp), parameter :: first_ratio = 0.3_wp, largest_ratio = 0.6_wp ! of one loss factor to the previous one
-      integer, parameter :: few = 3
+      integer, parameter :: max_easy_iterations = 3
       type(report_t) :: step
       type(solver_config_t) :: limited
       real(wp) :: loss, ratio, reached, residual(size(x)), trial(size(x))
@@ -352,7 +352,7 @@ contains
          if (step%status == outcome%converged) then
             x = trial
             if (loss <= 0.0_wp) exit
-            if (step%iterations <= few) ratio = ratio**2
+            if (step%iterations <= max_easy_iterations) ratio = ratio**2
             reached = loss
          else
             ratio = sqrt(ratio)

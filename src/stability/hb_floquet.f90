@@ -448,7 +448,7 @@ contains
       logical, intent(in) :: is_free                                  !! the tone is unknown
       real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
       real(wp), intent(in) :: max_work                                !! in about a nanosecond, beyond a first result
-      real(wp), parameter :: finest = 1.0e-12_wp                      ! tolerance of the matrix
+      real(wp), parameter :: min_matrix_tolerance = 1.0e-12_wp        ! tolerance of the matrix
       real(wp), parameter :: work_of_finer = 4.0_wp                   ! of a matrix with six digits more, relative
       type(monodromy_t) :: monodromy
       complex(wp), allocatable :: shifts(:, :, :)
@@ -466,9 +466,9 @@ contains
          if (.not. all(ieee_is_finite(monodromy%matrix))) return
          call leave_out_neutral()
          call assess_matrix(self, monodromy%matrix, variation%motion%omega(1), monodromy%estimate, is_sensitive)
-         if (.not. is_sensitive .or. monodromy%estimate > tolerance .or. tolerance <= finest) exit
+         if (.not. is_sensitive .or. monodromy%estimate > tolerance .or. tolerance <= min_matrix_tolerance) exit
          if (work_of_finer*monodromy%work > max_work) exit
-         tolerance = max(finest, faint*tolerance)                     ! two multipliers nearly coincide on the unit circle
+         tolerance = max(min_matrix_tolerance, faint*tolerance)       ! two multipliers nearly coincide on the unit circle
       end do
 
    contains

@@ -175,14 +175,14 @@ contains
       real(wp), intent(in) :: a11, a12, a21, a22
       real(wp), intent(out) :: e(2, 2)
       real(wp) :: c, d, m, s, square
-      real(wp), parameter :: small = 0.1_wp                           ! the series to the sixth power are exact to rounding
+      real(wp), parameter :: max_series_argument = 0.1_wp             ! the series to the sixth power are exact to rounding
       real(wp), parameter :: of_c(6) = 1.0_wp/[2.0_wp, 24.0_wp, 720.0_wp, 40320.0_wp, 3628800.0_wp, 479001600.0_wp]
       real(wp), parameter :: of_s(6) = of_c/[3, 5, 7, 9, 11, 13]
 
       m = 0.5_wp*(a11 + a22)
       d = 0.5_wp*(a11 - a22)
       square = d**2 + a12*a21
-      if (abs(square) < small) then
+      if (abs(square) < max_series_argument) then
          c = 1.0_wp + square*(of_c(1) + square*(of_c(2) + square*(of_c(3) + square*(of_c(4) + square*(of_c(5) + square*of_c(6))))))
          s = 1.0_wp + square*(of_s(1) + square*(of_s(2) + square*(of_s(3) + square*(of_s(4) + square*(of_s(5) + square*of_s(6))))))
       else if (square > 0.0_wp) then

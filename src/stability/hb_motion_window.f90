@@ -13,9 +13,9 @@ module hb_motion_window
    private
    public :: motion_window_t
 
-   integer, parameter :: width = 28                                  ! of a Gaussian, in points
-   integer, parameter :: reach = width/2
-   real(wp), parameter :: spread_by = width/(6.0_wp*pi)              ! exponent -x**2/(4 spread_by): the errors of the width and of
+   integer, parameter :: window_points = 28                               ! of a Gaussian, in points
+   integer, parameter :: half_width = window_points/2
+   real(wp), parameter :: spread_by = window_points/(6.0_wp*pi)       ! exponent -x**2/(4 spread_by): the errors of the width and of
                                                                      ! twice as many points as needed are equal, 2e-13
    integer, parameter :: min_tuples = 100                            ! with fewer the sum is as cheap
    integer, parameter :: points_per_tuple = 16                       ! of the grid, up to which it pays
@@ -60,7 +60,7 @@ contains
       if (allocated(self%samples)) deallocate (self%samples)
       allocate (self%samples(0:size(self%divisors) - 1, motion%n_coordinates, merge(2, 1, with_rates)))
       allocate (grid(0:self%n_points - 1), sampled(0:self%n_points - 1), amplitudes(size(motion%frequencies)))
-      centre = start + (size(self%divisors)/2 - reach)*self%spacing
+      centre = start + (size(self%divisors)/2 - half_width)*self%spacing
       turns = exp(cmplx(0.0_wp, motion%frequencies*centre, wp))
       do part = 1, size(self%samples, 3)
          do c = 1, motion%n_coordinates
@@ -99,31 +99,31 @@ contains
          if (.not. self%is_useful) return
          n_inside = 1 + ceiling(2*highest*length/pi)                 ! four in a period of the fastest tuple
          self%spacing = length/n_inside
-         n = n_inside + 1 + 2*reach
+         n = n_inside + 1 + 2*half_width
          self%n_points = fast_size(2*n)
          if (allocated(self%first)) deallocate (self%first, self%weights, self%divisors)
-         allocate (self%first(n_tuples), self%weights(width, n_tuples), self%divisors(0:n - 1))
+         allocate (self%first(n_tuples), self%weights(window_points, n_tuples), self%divisors(0:n - 1))
          do h = 1, n_tuples
             position = abs(motion%frequencies(h))*self%spacing*self%n_points/two_pi
-            self%first(h) = floor(position) - reach + 1
+            self%first(h) = floor(position) - half_width + 1
             self%weights(:, h) = weights_of(position)/spectrum(motion%frequencies(h)*self%spacing)
          end do
          self%divisors = [(spectrum(two_pi*(k - n/2)/self%n_points), k=0, n - 1)]
       end associate
    end subroutine prepare
 
-   !> Gaussian at the points around a position, the first of which is `reach` - 1 below it, rounded down.
+   !> Gaussian at the points around a position, the first of which is `half_width` - 1 below it, rounded down.
    pure function weights_of(position) result(weights)
       real(wp), intent(in) :: position                               !! in points
-      real(wp) :: weights(width)
+      real(wp) :: weights(window_points)
       integer :: j
-      real(wp), parameter :: of_points(width) = [(exp(-real(j - reach, wp)**2/(4.0_wp*spread_by)), j=1, width)]
+      real(wp), parameter :: of_points(window_points) = [(exp(-real(j - half_width, wp)**2/(4.0_wp*spread_by)), j=1, window_points)]
       real(wp) :: part, power, ratio
 
       part = position - floor(position)
       ratio = exp(part/(2.0_wp*spread_by))
-      power = exp(-(part**2 + 2*(reach - 1)*part)/(4.0_wp*spread_by))
-      do j = 1, width
+      power = exp(-(part**2 + 2*(half_width - 1)*part)/(4.0_wp*spread_by))
+      do j = 1, window_points
          weights(j) = power*of_points(j)
          power = power*ratio
       end do
@@ -142,21 +142,21 @@ contains
       real(wp), intent(in) :: frequencies(:)
       complex(wp), intent(in) :: amplitudes(:)
       complex(wp), intent(out) :: grid(0:)
-      complex(wp) :: a, padded(-reach:size(grid) + reach)
+      complex(wp) :: a, padded(-half_width:size(grid) + half_width)
       integer :: h, j
 
       padded = (0.0_wp, 0.0_wp)
       do h = 1, size(amplitudes)
          a = amplitudes(h)
          if (frequencies(h) < 0.0_wp) a = conjg(a)
-         associate (points => padded(self%first(h):self%first(h) + width - 1))
-            do j = 1, width
+         associate (points => padded(self%first(h):self%first(h) + window_points - 1))
+            do j = 1, window_points
                points(j) = points(j) + self%weights(j, h)*a
             end do
          end associate
       end do
       grid = padded(0:size(grid) - 1)
-      grid(size(grid) - reach:) = grid(size(grid) - reach:) + padded(-reach:-1)
+      grid(size(grid) - half_width:) = grid(size(grid) - half_width:) + padded(-half_width:-1)
    end subroutine spread_out
 
    pure subroutine gather(self, sampled, samples)
@@ -176,17 +176,17 @@ contains
       class(motion_window_t), intent(in) :: self
       real(wp), intent(in) :: times(:)                               !! [s]
       real(wp), intent(out) :: z(:, :), v(:, :)                      !! (n_times, n_coordinates)
-      real(wp) :: position, weights(width)
+      real(wp) :: position, weights(window_points)
       integer :: c, first, i
 
       v = 0.0_wp
       do i = 1, size(times)
-         position = (times(i) - self%start)/self%spacing + reach
-         first = floor(position) - reach + 1
+         position = (times(i) - self%start)/self%spacing + half_width
+         first = floor(position) - half_width + 1
          weights = weights_of(position)
          do c = 1, size(z, 2)
-            z(i, c) = dot_product(weights, self%samples(first:first + width - 1, c, 1))
-            if (size(self%samples, 3) > 1) v(i, c) = dot_product(weights, self%samples(first:first + width - 1, c, 2))
+            z(i, c) = dot_product(weights, self%samples(first:first + window_points - 1, c, 1))
+            if (size(self%samples, 3) > 1) v(i, c) = dot_product(weights, self%samples(first:first + window_points - 1, c, 2))
          end do
       end do
    end subroutine motion_window_at

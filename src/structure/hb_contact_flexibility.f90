@@ -20,13 +20,13 @@ module hb_contact_flexibility
    integer, parameter :: least_coordinates = 100             !! below, condensing them takes little memory
    integer, parameter :: dofs_per_coordinate = 4             !! of a model that is not reduced to its contacts
    integer, parameter :: entries_per_row = 20                !! of solids and shells; chains and beams condense to narrow bands
-   integer, parameter :: block = 4                           !! right sides of a step of the iteration for modes
-   integer, parameter :: vectors_together = 60               !! of this iteration, in memory: a multiple of `block`
+   integer, parameter :: block_width = 4                     !! right sides of a step of the iteration for modes
+   integer, parameter :: vectors_together = 60               !! of this iteration, in memory: a multiple of `block_width`
    integer, parameter :: max_vectors = 480                   !! of it: modes up to the least margin suffice then
    real(wp), parameter :: least_margin = 1.5_wp              !! of the highest mode over the highest frequency
    real(wp), parameter :: ample_margin = 2.5_wp              !! below it more modes are sought
-   real(wp), parameter :: margin = 2.7_wp                    !! when modes are computed
-   real(wp), parameter :: rounding = 1.0e-11_wp              !! relative
+   real(wp), parameter :: mode_frequency_ratio = 2.7_wp      !! when modes are computed
+   real(wp), parameter :: projection_rounding = 1.0e-11_wp   !! relative
 
    !> Owner of external resources: call `destroy`.
    type :: contact_flexibility_t
@@ -162,7 +162,7 @@ contains
             call clear(s%mass, i, m)
          end do
          determinant = 1.0_wp - km*km/(kk*mm)
-         if (determinant <= rounding) then
+         if (determinant <= projection_rounding) then
             self%by_stiffness = dk/kk
          else
             self%by_stiffness = (dk - dm*km/mm)/(kk*determinant)
@@ -178,8 +178,8 @@ contains
             call find_rest(s%mass)
          end do
          is_possible = rest <= 1.0e-9_wp*maxval(abs(s%damping%value))
-         if (abs(self%by_mass)*sqrt(mm) <= rounding*sqrt(dd)) self%by_mass = 0.0_wp
-         if (abs(self%by_stiffness)*sqrt(kk) <= rounding*sqrt(dd)) self%by_stiffness = 0.0_wp
+         if (abs(self%by_mass)*sqrt(mm) <= projection_rounding*sqrt(dd)) self%by_mass = 0.0_wp
+         if (abs(self%by_stiffness)*sqrt(kk) <= projection_rounding*sqrt(dd)) self%by_stiffness = 0.0_wp
       end associate
 
    contains
@@ -301,7 +301,7 @@ contains
       logical, intent(out) :: is_covered
 
       if (self%up_to < ample_margin*frequency .and. frequency < self%not_covered) then
-         call find_modes(self, margin*frequency)
+         call find_modes(self, mode_frequency_ratio*frequency)
          if (self%up_to < ample_margin*frequency) self%not_covered = min(frequency, self%not_covered)
       end if
       is_covered = self%up_to >= least_margin*frequency
@@ -313,31 +313,31 @@ contains
       real(wp), intent(in) :: frequency                      !! [rad/s]
       type(vectors_t) :: v(max_vectors/vectors_together)
       real(wp), allocatable :: h(:, :), s(:, :), theta(:), w(:, :)
-      real(wp) :: r(block, block)
+      real(wp) :: r(block_width, block_width)
       integer :: i, n, n_found, next
       logical :: is_over
 
-      allocate (w(block, self%n_dofs), h(0, 0))
-      do i = 1, block
+      allocate (w(block_width, self%n_dofs), h(0, 0))
+      do i = 1, block_width
          w(i, :) = probe(self%n_dofs, i)
       end do
       call respond(self, w)
       call orthonormalise(self, w, r, is_over)
       n = 0
       n_found = 0
-      next = 4*block
+      next = 4*block_width
       do
          call append(w, n, v, h, is_over)
          if (is_over) exit
-         n = n + block
+         n = n + block_width
          call respond(self, w)
          do i = 1, 2
-            call remove(self, v, w, h(:n, n - block + 1:n))
+            call remove(self, v, w, h(:n, n - block_width + 1:n))
          end do
          call orthonormalise(self, w, r, is_over)
-         is_over = is_over .or. n + block > min(max_vectors, self%n_dofs)
+         is_over = is_over .or. n + block_width > min(max_vectors, self%n_dofs)
          if (.not. (is_over .or. n >= next)) cycle
-         next = n + 4*block
+         next = n + 4*block_width
          call find_ritz(h(:n, :n), theta, s)
          n_found = converged(r, theta, s)
          if (is_over) exit
@@ -364,10 +364,11 @@ contains
       stat = 0
       associate (chunk => n/vectors_together + 1, at => mod(n, vectors_together))
          if (.not. allocated(v(chunk)%columns)) allocate (v(chunk)%columns(size(w, 2), vectors_together), stat=stat)
-         if (stat == 0 .and. n + block > size(h, 1)) allocate (larger(2*n + block, 2*n + block), stat=stat, source=0.0_wp)
+         if (stat == 0 .and. n + block_width > size(h, 1)) &
+            allocate (larger(2*n + block_width, 2*n + block_width), stat=stat, source=0.0_wp)
          is_over = stat /= 0
          if (is_over) return
-         do k = 1, block
+         do k = 1, block_width
             v(chunk)%columns(:, at + k) = w(k, :)
          end do
       end associate
@@ -394,7 +395,7 @@ contains
       type(vectors_t), intent(in) :: v(:)                    !! orthonormal in the mass
       real(wp), intent(inout), contiguous :: w(:, :)         !! (block, n_dofs)
       real(wp), intent(inout) :: along(:, :)                 !! (number of vectors, block)
-      real(wp) :: components(block, vectors_together)
+      real(wp) :: components(block_width, vectors_together)
       real(wp), allocatable :: mw(:, :)
       integer :: first, m
 
@@ -403,8 +404,8 @@ contains
       do first = 0, size(along, 1) - 1, vectors_together
          m = min(vectors_together, size(along, 1) - first)
          associate (n => size(w, 2), columns => v(first/vectors_together + 1)%columns)
-            call dgemm("N", "N", block, m, n, 1.0_wp, mw, block, columns, n, 0.0_wp, components, block)
-            call dgemm("N", "T", block, n, m, -1.0_wp, components, block, columns, n, 1.0_wp, w, block)
+            call dgemm("N", "N", block_width, m, n, 1.0_wp, mw, block_width, columns, n, 0.0_wp, components, block_width)
+            call dgemm("N", "T", block_width, n, m, -1.0_wp, components, block_width, columns, n, 1.0_wp, w, block_width)
          end associate
          along(first + 1:first + m, :) = along(first + 1:first + m, :) + transpose(components(:, :m))
       end do
@@ -414,30 +415,30 @@ contains
    subroutine orthonormalise(self, w, r, is_over)
       type(contact_flexibility_t), intent(in) :: self
       real(wp), intent(inout), contiguous :: w(:, :)         !! (block, n_dofs)
-      real(wp), intent(out) :: r(block, block)
+      real(wp), intent(out) :: r(block_width, block_width)
       logical, intent(out) :: is_over
-      real(wp) :: factor(block, block)
+      real(wp) :: factor(block_width, block_width)
       real(wp), allocatable :: mw(:, :)
       integer :: i, info, k, pass
 
       allocate (mw, mold=w)
       r = 0.0_wp
-      do i = 1, block
+      do i = 1, block_width
          r(i, i) = 1.0_wp
       end do
       do pass = 1, 2                                         ! the second one removes the rounding of the first
          call self%mass%times(w, mw)
          associate (n => size(w, 2))
-            call dgemm("N", "T", block, block, n, 1.0_wp, w, block, mw, block, 0.0_wp, factor, block)
+            call dgemm("N", "T", block_width, block_width, n, 1.0_wp, w, block_width, mw, block_width, 0.0_wp, factor, block_width)
          end associate
-         call dpotrf("U", block, factor, block, info)
+         call dpotrf("U", block_width, factor, block_width, info)
          is_over = info /= 0
          if (is_over) return
-         do k = 1, block
+         do k = 1, block_width
             factor(k + 1:, k) = 0.0_wp
          end do
          do i = 1, size(w, 2)
-            do k = 1, block
+            do k = 1, block_width
                w(k, i) = (w(k, i) - dot_product(factor(:k - 1, k), w(:k - 1, i)))/factor(k, k)
             end do
          end do
@@ -472,7 +473,7 @@ contains
       n = size(theta)
       converged = 0
       do i = 1, n
-         if (norm2(matmul(r, s(n - block + 1:n, i))) > rounding*theta(i)) return
+         if (norm2(matmul(r, s(n - block_width + 1:n, i))) > projection_rounding*theta(i)) return
          converged = i
       end do
    end function converged

@@ -23,7 +23,7 @@ module hb_contact_response
    private
    public :: contact_response_t, new_contact_response
 
-   real(wp), parameter :: accuracy = 1.0e-13_wp              !! of a motion: below any tolerance
+   real(wp), parameter :: series_tolerance = 1.0e-13_wp      !! of a motion: below any tolerance
    integer, parameter :: max_terms = 80                      !! of the sum, which converges by .44 or better
 
    type :: contact_response_t
@@ -160,8 +160,9 @@ contains
       square = cmplx(self%frequencies(h)**2, -self%frequencies(h)*self%flexibility%by_mass, wp)
    end function square_at
 
-   !> Solves S x = f for forces at contacts and, if wanted, the loads: adds terms of the sum until they are below `accuracy` of the
-   !> motion at the contacts, or of `size_of_motion` if this is larger. Harmonics of which they are not are NaN at the contacts.
+   !> Solves S x = f for forces at contacts and, if wanted, the loads: adds terms of the sum until they are below
+   !> `series_tolerance` of the motion at the contacts, or of `size_of_motion` if this is larger. Harmonics whose terms are not are
+   !> NaN at the contacts.
    subroutine contact_response_find_motion(self, force, with_loads, z, size_of_motion, x)
       class(contact_response_t), intent(in) :: self
       complex(wp), intent(in) :: force(:, :)                 !! [N], (n, n_harmonics)
@@ -202,7 +203,7 @@ contains
                ratio = (square_at(self, active(h))/c)**j/c
                z(:, active(h)) = z(:, active(h)) + ratio*cmplx(e_at_contacts(2*h - 1, :), e_at_contacts(2*h, :), wp)
                if (present(x)) x(:, active(h)) = x(:, active(h)) + ratio*cmplx(e(2*h - 1, :), e(2*h, :), wp)
-               is_small(active(h)) = abs(ratio)*norm2(e_at_contacts(2*h - 1:2*h, :)) <= accuracy*largest
+               is_small(active(h)) = abs(ratio)*norm2(e_at_contacts(2*h - 1:2*h, :)) <= series_tolerance*largest
             end do
          end do
          z(:, pack(active, .not. is_small(active))) = ieee_value(1.0_wp, ieee_quiet_nan)    ! no motion rather than a wrong one

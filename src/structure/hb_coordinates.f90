@@ -17,7 +17,7 @@ module hb_coordinates
    private
    public :: coordinate_part_t, coordinates_t, dofs_as_coordinates, new_coordinates, position_in, softness
 
-   real(wp), parameter :: rounding = 1.0e-12_wp                       ! relative
+   real(wp), parameter :: entry_rounding = 1.0e-12_wp                 ! relative
 
    !> Coordinates that share degrees of freedom with no others.
    type :: coordinate_part_t
@@ -30,7 +30,7 @@ module hb_coordinates
       logical :: are_dofs = .true.                                    !! each coordinate is a degree of freedom: T is 1
       integer, allocatable :: dofs(:)                                 !! of the structure, in the shape
       integer, allocatable :: positions(:)                            !! (n) degrees of freedom that they replace
-      type(sparse_t), private :: functionals                          ! shape^T, (n, size(dofs)); empty where `are_dofs`, as the next
+      type(sparse_t), private :: functionals ! shape^T, (n, size(dofs)); empty where `are_dofs`, as the next
       integer, allocatable, private :: others(:)                      ! degrees of freedom in the shape that remain
       type(sparse_t), private :: of_z, of_others                      ! G, (n, n), and B, (n, size(others))
    contains
@@ -139,7 +139,7 @@ contains
    subroutine add_part(part, column_at, number, functionals, of_z, of_others)
       type(coordinate_part_t), intent(in) :: part
       integer, intent(in) :: column_at(:)                             !! of its shape, at each pivot; 0: no pivot
-      integer, intent(in) :: number(:)                                !! of each pivot among all pivots, of each other among all others
+      integer, intent(in) :: number(:) !! of each pivot among all pivots, of each other among all others
       type(entries_t), intent(inout) :: functionals, of_z, of_others
       integer, allocatable :: others(:), pivots(:), swapped(:)
       real(wp), allocatable :: factors(:, :), inverse(:, :), shape(:, :)
@@ -339,8 +339,8 @@ contains
          end do
       end do
       associate (largest => maxval(abs(in_coordinates)))
-         where (abs(in_coordinates) < rounding*largest) in_coordinates = 0.0_wp
-         where (abs(in_coordinates - 1.0_wp) < rounding*largest) in_coordinates = 1.0_wp
+         where (abs(in_coordinates) < entry_rounding*largest) in_coordinates = 0.0_wp
+         where (abs(in_coordinates - 1.0_wp) < entry_rounding*largest) in_coordinates = 1.0_wp
       end associate
       associate (is_used => any(abs(in_coordinates) > 0.0_wp, dim=2))
          if (.not. any(is_used)) then                                 ! a law without coordinates
@@ -485,22 +485,22 @@ contains
       integer, intent(in) :: n_dofs
       type(sparse_t) :: t
       type(entries_t) :: entries
-      real(wp), parameter :: one(1, 1) = 1.0_wp
+      real(wp), parameter :: unit_entry(1, 1) = 1.0_wp
       logical :: is_replaced(n_dofs)
       integer :: e, i
 
       is_replaced = .false.
       is_replaced(self%positions) = .true.
       do i = 1, n_dofs
-         if (.not. is_replaced(i)) call entries%add([i], [i], one)
+         if (.not. is_replaced(i)) call entries%add([i], [i], unit_entry)
       end do
       do i = 1, self%n
          associate (row => self%positions(i:i))
             do e = self%of_z%first(i), self%of_z%first(i + 1) - 1
-               call entries%add(row, self%positions(self%of_z%column(e:e)), self%of_z%value(e)*one)
+               call entries%add(row, self%positions(self%of_z%column(e:e)), self%of_z%value(e)*unit_entry)
             end do
             do e = self%of_others%first(i), self%of_others%first(i + 1) - 1
-               call entries%add(row, self%others(self%of_others%column(e:e)), self%of_others%value(e)*one)
+               call entries%add(row, self%others(self%of_others%column(e:e)), self%of_others%value(e)*unit_entry)
             end do
          end associate
       end do

@@ -604,12 +604,12 @@ contains
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: interior(:)
       type(error_t), allocatable, intent(inout) :: error
-      real(wp), parameter :: golden = 0.6180339887498949_wp           ! multiples of it are spread without a pattern
+      real(wp), parameter :: golden_ratio = 0.6180339887498949_wp     ! multiples of it are spread without a pattern
       complex(wp), dimension(structure%n_dofs) :: at_rest, in_motion, motion
       integer, allocatable :: empty(:)
       integer :: i
 
-      motion = [(cmplx(1.0_wp + modulo(i*golden, 1.0_wp), kind=wp), i=1, structure%n_dofs)]
+      motion = [(cmplx(1.0_wp + modulo(i*golden_ratio, 1.0_wp), kind=wp), i=1, structure%n_dofs)]
       at_rest = structure%force_in(motion, 0.0_wp, 0.0_wp)
       in_motion = structure%force_in(motion, 1.0_wp, 0.0_wp)          ! alone it vanishes at a natural frequency of 1 rad/s
       empty = pack(interior, .not. abs(at_rest(interior)) + abs(in_motion(interior)) > 0.0_wp)

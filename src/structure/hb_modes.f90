@@ -232,9 +232,9 @@ contains
 
    pure logical function is_unsymmetric(matrix)
       real(wp), intent(in) :: matrix(:, :)
-      real(wp), parameter :: rounding = 1.0e-14_wp
+      real(wp), parameter :: asymmetry_rounding = 1.0e-14_wp
 
-      is_unsymmetric = any(abs(matrix - transpose(matrix)) > rounding*maxval(abs(matrix)))
+      is_unsymmetric = any(abs(matrix - transpose(matrix)) > asymmetry_rounding*maxval(abs(matrix)))
    end function is_unsymmetric
 
    !> Frequency of the fastest mode without damping [rad/s], within a percent and rather too high than too low for large structures,
@@ -297,11 +297,11 @@ contains
    !> Whether some part can move without stiffness; false for large structures.
    logical function has_free_motion(mass, stiffness)
       real(wp), intent(in) :: mass(:, :), stiffness(:, :)             !! (n_dofs, n_dofs)
-      real(wp), parameter :: zero = 1.0e-6_wp                         ! relative to the largest entries
+      real(wp), parameter :: zero_ratio = 1.0e-6_wp                   ! relative to the largest entries
 
       has_free_motion = .false.
       if (size(mass, 1) > largest_structure .or. .not. any(abs(mass) > 0.0_wp)) return
-      has_free_motion = any(abs(natural_frequencies(mass, stiffness)) <= zero*sqrt(maxval(abs(stiffness))/maxval(abs(mass))))
+      has_free_motion = any(abs(natural_frequencies(mass, stiffness)) <= zero_ratio*sqrt(maxval(abs(stiffness))/maxval(abs(mass))))
    end function has_free_motion
 
    !> Returns all finite natural frequencies, ascending; 0 for a motion without stiffness, negative for the growth

@@ -65,9 +65,9 @@ contains
    !> Largest memory [byte] used while a structure is read: matrices of the builder, copies here, factors of the mass.
    pure real(wp) function structure_bytes(n_dofs)
       integer, intent(in) :: n_dofs
-      real(wp), parameter :: copies = 7.0_wp                          ! of a matrix
+      real(wp), parameter :: copies_of_matrix = 7.0_wp                ! of a matrix
 
-      structure_bytes = copies*8.0_wp*real(n_dofs, wp)**2
+      structure_bytes = copies_of_matrix*8.0_wp*real(n_dofs, wp)**2
    end function structure_bytes
 
    !> Fails if the matrices of a structure need more than the limit; for readers, before the matrices are allocated.
@@ -77,13 +77,13 @@ contains
       type(error_t), allocatable, intent(out) :: error
       real(wp), intent(in), optional :: memory_limit                  !! bytes
       integer, intent(in), optional :: n_entries                      !! of all sparse matrices
-      real(wp), parameter :: bytes_of_entry = 12.0_wp, copies = 4.0_wp, bytes_of_dof = 200.0_wp
+      real(wp), parameter :: bytes_of_entry = 12.0_wp, copies_of_matrix = 4.0_wp, bytes_of_dof = 200.0_wp
       character(20) :: needed, there
       real(wp) :: bytes
 
       if (.not. present(memory_limit)) return
       if (present(n_entries) .and. n_dofs > max_dense) then
-         bytes = copies*bytes_of_entry*n_entries + bytes_of_dof*n_dofs
+         bytes = copies_of_matrix*bytes_of_entry*n_entries + bytes_of_dof*n_dofs
          if (bytes <= memory_limit) return
          write (needed, "(f20.2)") bytes/gib
          write (there, "(f20.2)") memory_limit/gib

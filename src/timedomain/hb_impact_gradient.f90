@@ -4,7 +4,7 @@ module hb_impact_gradient
    use hb_error, only: error_t
    use hb_gradient, only: store_slope, zero_gradient
    use hb_harmonics, only: harmonics_t
-   use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
+   use hb_impact_orbit, only: impact_orbit_t, motion_slopes_t, new_impact_orbit, orbit_tolerance
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
@@ -53,7 +53,7 @@ contains
          if (.not. allocated(error)) then
             begun = orbit%map%state_at(orbit%section*orbit%period())
             x = begun
-            call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=max_shots), x, report)
+            call solve_newton(orbit, solver_config_t(tolerance=orbit_tolerance, max_iterations=max_shots), x, report)
             if (report%status == outcome%converged .and. maxval(abs(x - begun)) <= max_state_distance) then
                call orbit%find_slopes(set, x, model%options%gradient%by, slopes, error)
                call store_slopes(model, set, slopes, c, result)

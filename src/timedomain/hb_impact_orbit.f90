@@ -36,9 +36,9 @@ module hb_impact_orbit
    use hb_time_stepping, only: integration_record_t
    implicit none
    private
-   public :: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
+   public :: impact_orbit_t, motion_slopes_t, new_impact_orbit, orbit_tolerance
 
-   real(wp), parameter :: accurate = 1.0e-10_wp                       !! residual of a periodic motion, scaled
+   real(wp), parameter :: orbit_tolerance = 1.0e-10_wp                !! residual of a periodic motion, scaled
 
    real(wp), parameter :: integration_tolerance = 1.0e-9_wp           ! of the integration: all digits
    real(wp), parameter :: map_noise = 1.0e-12_wp                      ! of a period map, scaled
@@ -188,8 +188,8 @@ contains
       type(harmonics_t), intent(in), optional :: set
       real(wp), allocatable, intent(out) :: slope(:)
       logical, intent(out) :: is_done                                 !! and the walls are struck as often on both sides
-      real(wp), parameter :: positions(3, 3) = reshape([-1, 0, 1, 0, 1, 2, -2, -1, 0], [3, 3])
-      real(wp), parameter :: weights(3, 3) = 0.5_wp*reshape([-1, 0, 1, -3, 4, -1, 1, -4, 3], [3, 3])
+      real(wp), parameter :: difference_positions(3, 3) = reshape([-1, 0, 1, 0, 1, 2, -2, -1, 0], [3, 3])
+      real(wp), parameter :: difference_weights(3, 3) = 0.5_wp*reshape([-1, 0, 1, -3, 4, -1, 1, -4, 3], [3, 3])
       real(wp) :: value
       integer :: k
       logical :: is_possible(3)
@@ -198,7 +198,7 @@ contains
       call combine(1)
       if (.not. is_done .and. abs(change(size(x) + 1)) > 0.0_wp) then
          do k = 1, 3, 2
-            call self%set_parameters([1], [value + distance*positions(k, 1)*change(size(x) + 1)], is_possible(k))
+            call self%set_parameters([1], [value + distance*difference_positions(k, 1)*change(size(x) + 1)], is_possible(k))
          end do
          if (is_possible(1) .neqv. is_possible(3)) call combine(merge(3, 2, is_possible(1)))
       end if
@@ -215,8 +215,8 @@ contains
 
          is_first = .true.
          do i = 1, 3
-            if (abs(weights(i, k)) <= 0.0_wp) cycle
-            associate (along => distance*positions(i, k))
+            if (abs(difference_weights(i, k)) <= 0.0_wp) cycle
+            associate (along => distance*difference_positions(i, k))
                call evaluate(self, x + along*change(:size(x)), value + along*change(size(x) + 1), part, set, y, is_done)
             end associate
             if (is_done .and. .not. is_first) is_done = all(impacts == self%map%impacts)
@@ -224,7 +224,7 @@ contains
             if (is_first) slope = 0.0_wp*y
             is_first = .false.
             impacts = self%map%impacts
-            slope = slope + weights(i, k)/distance*y
+            slope = slope + difference_weights(i, k)/distance*y
          end do
       end subroutine combine
    end subroutine differ

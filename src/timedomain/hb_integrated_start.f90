@@ -20,7 +20,7 @@ module hb_integrated_start
    use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private
-   public :: change_of, first_perturbation, integrate_once, integrated_guess, steady
+   public :: change_of, first_perturbation, integrate_once, integrated_guess, steady_power_change
 
    integer, parameter :: periods_of_transient = 200, periods_of_record = 50   ! of the slowest tone, unless given
    integer, parameter :: samples_of_harmonic = 8                      ! of the highest one in its period, at least
@@ -28,7 +28,7 @@ module hb_integrated_start
    real(wp), parameter :: first_perturbation = start_perturbations(1)
    real(wp), parameter :: step_of_mode = 0.2_wp                       ! radians of the fastest mode, of fixed steps
    real(wp), parameter :: guess_tolerance = 1.0e-7_wp                 ! tolerance of the integrator: below what decides on locking
-   real(wp), parameter :: steady = 0.02_wp                            !! change of the power from one half to the other
+   real(wp), parameter :: steady_power_change = 0.02_wp               !! change of the power from one half to the other
    real(wp), parameter :: runaway_ratio = 1.0e4_wp                    ! relative to the first displacement
    real(wp), parameter :: decay_ratio = 1.0e-3_wp                     ! relative to the perturbation
    integer, parameter :: periods_of_rest = 10                         ! in which a motion that has decayed is seen
@@ -82,7 +82,7 @@ contains
          if (change >= best) cycle
          best = change
          guess = [coefficients_of(discretisation, record, found), found]
-         if (best <= steady) return
+         if (best <= steady_power_change) return
       end do
    end subroutine integrated_guess
 

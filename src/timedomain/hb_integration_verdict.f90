@@ -9,16 +9,16 @@ module hb_integration_verdict
    use hb_kinds, only: wp
    implicit none
    private
-   public :: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_kind_t, verdict_names, verdict_t, &
+   public :: certain_growth, decide, growth_of, limit_of, min_growth, n_steady, verdict, verdict_kind_t, verdict_names, verdict_t, &
       verdict_text
 
    real(wp), parameter :: estimate_safety = 5.0_wp                    ! on the estimate of the error estimate
    real(wp), parameter :: largest_limit = 0.08_wp                     ! of a motion, whatever the estimate; with several tones
                                                                       !! a longer time integration would find up to a tenth
    real(wp), parameter :: smallest_limit = 1.0e-9_wp
-   real(wp), parameter :: grown = 30.0_wp                             !! of the distance: certain, unless it may be transient
+   real(wp), parameter :: certain_growth = 30.0_wp                    !! of the distance: certain, unless it may be transient
    real(wp), parameter :: beyond_transients = 1.0e6_wp                ! likewise: certain in any case
-   real(wp), parameter :: growing = 3.0_wp !! of the distance: before the difference exceeds its limit, growth
+   real(wp), parameter :: min_growth = 3.0_wp !! of the distance: before the difference exceeds its limit, growth
    real(wp), parameter :: forgetting_fall = 100.0_wp                  ! fall of the distance after which the start has no influence
    real(wp), parameter :: min_fall_of_difference = 1.3_wp             ! of the difference, from one group of periods to the next
    real(wp), parameter :: half_decay = 1.5_wp                     ! likewise over `decay` periods, as a logarithm: half of its fall
@@ -108,17 +108,17 @@ contains
       has_left = maxval(ratio(n - tail + 1:)) > 1.0_wp
       has_forgotten = distance(n) <= start_of(distance) - log(forgetting_fall)
       call find_growth(ratio, distance, has_left, gain, rise)
-      certain = grown
+      certain = certain_growth
       if (present(may_recover)) then
          if (may_recover .and. .not. has_left .and. .not. is_last) certain = beyond_transients
       end if
-      if (gain >= log(certain) .and. rise >= log(growing)) then
+      if (gain >= log(certain) .and. rise >= log(min_growth)) then
          kind = verdict%unstable
       else if (has_left) then
          if (is_falling(ratio, tail, decay, is_last)) then
             if (is_last) kind = verdict%undecided
          else if (has_forgotten .or. is_last .or. n >= max(decay, 2*fewest)) then
-            kind = merge(verdict%unstable, verdict%differs, gain >= log(growing) .and. rise > 0.0_wp)
+            kind = merge(verdict%unstable, verdict%differs, gain >= log(min_growth) .and. rise > 0.0_wp)
             if (kind == verdict%unstable .and. present(is_free)) then
                if (is_free .and. rise <= min(log(drift_rise), max_late_growth_share*gain)) kind = verdict%undecided
             end if

@@ -18,7 +18,7 @@ module hb_line_fit
    private
    public :: line_fit_t, new_line_fit, unresolved_by
 
-   integer, parameter :: width = 14                                   ! positions over which a line is distributed: errors of 1e-11
+   integer, parameter :: kernel_width = 14                            ! positions over which a line is distributed: errors of 1e-11
    integer, parameter :: max_products = 100
    real(wp), parameter :: work_of_position = 35.0_wp                  ! [ns] in a product: .6 to 1.3 times the time
    real(wp), parameter :: max_curvature_ratio = 13.4_wp               ! 6 sqrt(5): phase squared over misfit of such lines
@@ -59,18 +59,19 @@ contains
       self%max_work = huge(1.0_wp)
       n = cheap_size(2*n_samples, 1)
       middle = n_samples/2
-      beta = 0.5_wp*two_pi*width*(1.0_wp - 0.5_wp*n_samples/n)
+      beta = 0.5_wp*two_pi*kernel_width*(1.0_wp - 0.5_wp*n_samples/n)
       self%window = [bump_weights(n_seen), (0.0_wp, k=n_seen + 1, n_samples)]
       self%importance = importance/maxval(importance)
-      self%shape = [(shape_at(beta, 0.5_wp*two_pi*width*(k - 1 - middle)/n), k=1, n_samples)]
+      self%shape = [(shape_at(beta, 0.5_wp*two_pi*kernel_width*(k - 1 - middle)/n), k=1, n_samples)]
       self%phase = exp(cmplx(0.0_wp, -frequencies*(start + middle*step), wp))
       if (allocated(self%first)) deallocate (self%first, self%kernel)
-      allocate (self%first(size(frequencies)), self%kernel(width, size(frequencies)))
+      allocate (self%first(size(frequencies)), self%kernel(kernel_width, size(frequencies)))
       do h = 1, size(frequencies)
          position = frequencies(h)*step/two_pi*n
-         self%first(h) = floor(position) - width/2 + 1
-         do k = 1, width
-            self%kernel(k, h) = bessel_i0(beta*sqrt(max(0.0_wp, 1.0_wp - (2.0_wp*(position - (self%first(h) + k - 1))/width)**2)))
+         self%first(h) = floor(position) - kernel_width/2 + 1
+         do k = 1, kernel_width
+            self%kernel(k, h) = bessel_i0(beta*sqrt(max(0.0_wp, &
+                                                        1.0_wp - (2.0_wp*(position - (self%first(h) + k - 1))/kernel_width)**2)))
          end do
       end do
       call new_real_block(self%samples, n, 1, error)
@@ -122,7 +123,7 @@ contains
          spectrum = (0.0_wp, 0.0_wp)
          do h = 1, size(coefficients)
             c = 0.5_wp*conjg(self%phase(h))*coefficients(h)
-            do k = 1, width
+            do k = 1, kernel_width
                position = self%first(h) + k - 1
                if (position > 0) then
                   spectrum(1 + position) = spectrum(1 + position) + self%kernel(k, h)*c
@@ -196,7 +197,7 @@ contains
          call self%plan%to_spectrum(self%samples%values, self%spectrum%values)
          allocate (sums(size(self%first)), source=(0.0_wp, 0.0_wp))
          do h = 1, size(sums)
-            do k = 1, width
+            do k = 1, kernel_width
                position = self%first(h) + k - 1
                if (position >= 0) then
                   sums(h) = sums(h) + self%kernel(k, h)*spectrum(1 + position)
@@ -221,7 +222,7 @@ contains
       real(wp) :: r
 
       r = sqrt(beta**2 - position**2)
-      shape = width*sinh(r)/r
+      shape = kernel_width*sinh(r)/r
    end function shape_at
 
    !> Modified Bessel function of the first kind and order 0, by its series.

@@ -9,7 +9,7 @@ module hb_locking_search
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_frequency_analysis, only: find_frequencies
-   use hb_integrated_start, only: change_of, first_perturbation, integrate_once, steady
+   use hb_integrated_start, only: change_of, first_perturbation, integrate_once, steady_power_change
    use hb_kinds, only: wp
    use hb_locking, only: highest_part, locking_t
    use hb_options, only: options_t
@@ -42,7 +42,7 @@ contains
       if (system%structure%n_dofs > largest_structure) return
       call integrate_once(system, discretisation, options, omega, law_dofs, first_perturbation, record, error)
       if (allocated(error) .or. record%is_at_rest) return
-      if (change_of(record) > steady) return
+      if (change_of(record) > steady_power_change) return
       if (all(system%tones%is_unknown)) then
          call find_leading_line(record, leading, error)
          if (allocated(error) .or. leading <= 0.0_wp) return

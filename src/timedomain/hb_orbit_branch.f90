@@ -20,7 +20,7 @@ module hb_orbit_branch
    use hb_followed, only: followed_t, step_accuracy_t
    use hb_harmonics, only: harmonics_t
    use hb_impact_gradient, only: store_slopes
-   use hb_impact_orbit, only: accurate, impact_orbit_t, motion_slopes_t, new_impact_orbit
+   use hb_impact_orbit, only: impact_orbit_t, motion_slopes_t, new_impact_orbit, orbit_tolerance
    use hb_integrate_to_tolerance, only: driven_tuples, status_within, store_lines
    use hb_integrated_result, only: store_integrated
    use hb_kinds, only: wp
@@ -145,7 +145,7 @@ contains
       if (allocated(error)) return
       call self%orbit%move(self%request%moving, self%request%start)
       allocate (x, source=self%orbit%map%state_at(self%orbit%section*self%orbit%period()))
-      call solve_newton(self%orbit, solver_config_t(tolerance=accurate, max_iterations=3*max_corrections), x, report)
+      call solve_newton(self%orbit, solver_config_t(tolerance=orbit_tolerance, max_iterations=3*max_corrections), x, report)
       if (report%status /= outcome%converged) then
          result%status = outcome%stalled
          result%message = "the period map has no periodic motion near the one found; "//result%message
@@ -163,7 +163,7 @@ contains
       type(origin_t), intent(inout) :: first
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
-      real(wp), parameter :: parts(5) = [0.02_wp, 0.005_wp, 0.1_wp, 0.001_wp, 0.3_wp]   ! of the motion: departure from it
+      real(wp), parameter :: departure_shares(5) = [0.02_wp, 0.005_wp, 0.1_wp, 0.001_wp, 0.3_wp] ! of the motion: departure from it
       type(curve_t) :: curve
       real(wp), allocatable :: across(:), direction(:), from(:), x(:)
       type(report_t) :: report
@@ -184,12 +184,12 @@ contains
          if (is_found) then
             direction = [across, 0.0_wp]
             call self%begin_curve(curve, from, direction)
-            do i = 1, size(parts)
-               x = from + parts(i)*norm2(from(:n))*direction
+            do i = 1, size(departure_shares)
+               x = from + departure_shares(i)*norm2(from(:n))*direction
                call curve%set_plane(x, direction, 0.0_wp)
                call solve_newton(curve%problem, curve%corrector, x, report)
                is_found = report%status == outcome%converged .and. &
-                          norm2((x - from)/curve%units) <= max_chord*parts(i)*norm2(from(:n))/curve%largest
+                          norm2((x - from)/curve%units) <= max_chord*departure_shares(i)*norm2(from(:n))/curve%largest
                if (is_found) exit
             end do
          end if
@@ -303,7 +303,7 @@ contains
    pure type(solver_config_t) function orbit_branch_corrector(self) result(corrector)
       class(orbit_branch_t), intent(in) :: self
 
-      corrector%tolerance = accurate
+      corrector%tolerance = orbit_tolerance
       corrector%max_iterations = max_corrections
       corrector%patience = 3
       corrector%line_search = .false.

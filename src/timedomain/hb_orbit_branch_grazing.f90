@@ -4,7 +4,7 @@ submodule (hb_orbit_branch) hb_orbit_branch_grazing
    implicit none
 
    integer, parameter :: max_halvings = 30
-   real(wp), parameter :: into = 1.0e-5_wp                            ! beyond a graze, as min_distance: speed of the impact 3e-3
+   real(wp), parameter :: distance_beyond_graze = 1.0e-5_wp           ! beyond a graze, as min_distance: speed of the impact 3e-3
    real(wp), parameter :: max_deviation = 0.25_wp                      ! of the distance to a graze ahead
 
 contains
@@ -127,7 +127,7 @@ contains
 
       is_found = .false.
       curve%direction = inward
-      call curve%tangent_at(corner + into*inward, along, sign_there, is_singular)
+      call curve%tangent_at(corner + distance_beyond_graze*inward, along, sign_there, is_singular)
       do i = 0, merge(-1, 2*size(share) - 1, is_singular)         ! with each share against and along
          step = share(i/2)*curve%config%longest_step
          along = -along
@@ -272,7 +272,7 @@ contains
       logical :: is_singular
 
       before = known
-      curve%x = corner + into*inward
+      curve%x = corner + distance_beyond_graze*inward
       curve%direction = here%direction
       call curve%tangent_at(curve%x, curve%direction, sign_there, is_singular)
       is_clear = .not. (is_singular .or. has_wanted(self, here%x, corner))

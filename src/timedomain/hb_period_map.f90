@@ -77,14 +77,14 @@ contains
    pure logical function is_odd(system, motion)
       type(integration_system_t), intent(in) :: system
       type(motion_series_t), intent(in) :: motion
-      real(wp), parameter :: nothing = 1.0e-9_wp                      ! relative
+      real(wp), parameter :: negligible_even_part = 1.0e-9_wp         ! relative
       logical :: is_even(size(motion%frequencies))
       integer :: i, k
 
       is_even = modulo(motion%tuples(1, :), 2) == 0
       is_odd = all([(system%laws%laws(i)%law%is_odd, i=1, size(system%laws%laws))])
       do k = 1, motion%n_coordinates
-         is_odd = is_odd .and. sum(abs(motion%amplitudes(k, :)), mask=is_even) <= nothing*sum(abs(motion%amplitudes))
+         is_odd = is_odd .and. sum(abs(motion%amplitudes(k, :)), mask=is_even) <= negligible_even_part*sum(abs(motion%amplitudes))
       end do
    end function is_odd
 

@@ -138,10 +138,10 @@ contains
       real(wp), intent(out) :: after(:)                               !! likewise
       logical, intent(out) :: is_done
       type(integration_record_t) :: record
-      integer, parameter :: nothing(0) = 0
+      integer, parameter :: no_instants(0) = 0
 
       after = x
-      call self%record_from(start, duration, n_steps_of(self, self%level), nothing, after, record, is_done)
+      call self%record_from(start, duration, n_steps_of(self, self%level), no_instants, after, record, is_done)
    end subroutine state_map_advance
 
    !> As `advance`, with a record of some displacements, and of impacts if there are any.

@@ -12,7 +12,7 @@ module hb_steady_windows
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
-   use hb_impact_orbit, only: accurate, impact_orbit_t, new_impact_orbit
+   use hb_impact_orbit, only: impact_orbit_t, new_impact_orbit, orbit_tolerance
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_starts, only: scattered
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
@@ -55,7 +55,7 @@ module hb_steady_windows
    real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
    real(wp), parameter :: max_terms = 2.0e9_wp                       ! of the averages over one window
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
-   real(wp), parameter :: aim = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
+   real(wp), parameter :: final_spread_ratio = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
    real(wp), parameter :: near_tolerance_share = 0.1_wp               ! likewise, after `min_windows`
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: min_spread_fall = 0.5_wp                    ! spread relative to the previous one
@@ -161,7 +161,7 @@ contains
             work_of_window = work_of_window + steady%work
             steady%amplitude = amplitude_of(z)
             if (.not. options%integration%aim > 0.0_wp) then
-               if (window < min_windows .and. steady%spread > aim*allowed_of(options)) cycle
+               if (window < min_windows .and. steady%spread > final_spread_ratio*allowed_of(options)) cycle
                windows%remainder = remainder_of(z, steady%averages, record, windows%frequencies)
             end if
             status_before = steady%status
@@ -358,7 +358,7 @@ contains
       if (.not. allocated(error)) then
          call orbit%state_after(state, begun, is_done)
          x = begun
-         if (is_done) call solve_newton(orbit, solver_config_t(tolerance=accurate, max_iterations=max_shots), x, report)
+         if (is_done) call solve_newton(orbit, solver_config_t(tolerance=orbit_tolerance, max_iterations=max_shots), x, report)
          steady%work = steady%work + orbit%work_of(report)
          if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
             polished = steady
@@ -438,7 +438,8 @@ contains
       associate (spread => steady%spread)
          if (steady%status /= outcome%integrated) then
             is_final = any(steady%status == [outcome%subharmonic, outcome%broadband]) .and. steady%status == status_before .and. &
-               (spread > merge(min_fit_gain, min_spread_fall, aim_of_lines > 0.0_wp)*spread_before .or. spread <= aim*allowed)
+               (spread > merge(min_fit_gain, min_spread_fall, aim_of_lines > 0.0_wp)*spread_before .or. &
+                spread <= final_spread_ratio*allowed)
          else if (aim_of_lines > 0.0_wp) then
             is_final = spread <= aim_of_lines .or. spread > min_fit_gain*spread_before
          else

@@ -23,7 +23,7 @@ module hb_verification
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
-   use hb_integration_verdict, only: decide, growing, grown, growth_of, limit_of, n_steady, verdict, verdict_t
+   use hb_integration_verdict, only: certain_growth, decide, growth_of, limit_of, min_growth, n_steady, verdict, verdict_t
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
    use hb_modes, only: has_free_motion, slowest_decay
@@ -109,9 +109,10 @@ contains
    recursive subroutine periods_note_progress(self, n_done, n_steps)
       class(periods_t), intent(inout) :: self
       integer, intent(in) :: n_done, n_steps
-      integer, parameter :: parts = 1000
+      integer, parameter :: n_parts = 1000
 
-      call self%cancellation_t%note_progress(int(parts*(self%n_done + self%n_new*n_done/max(1, n_steps))/self%n_planned), parts)
+      call self%cancellation_t%note_progress( &
+         int(n_parts*(self%n_done + self%n_new*n_done/max(1, n_steps))/self%n_planned), n_parts)
    end subroutine periods_note_progress
 
    !> Integrates from a motion of a model, and from a neighbouring state, until the verdict is decided.
@@ -175,8 +176,8 @@ contains
          return
       end if
       gain = maxval(pair%distance) - max(pair%distance(1), 0.0_wp)
-      if (gain > log(growing)) then                                   ! errors of the steps grow as any other
-         if (gain < log(grown) .or. finer%first_difference > result%first_difference/halving_ratio) return
+      if (gain > log(min_growth)) then                                ! errors of the steps grow as any other
+         if (gain < log(certain_growth) .or. finer%first_difference > result%first_difference/halving_ratio) return
          result = finer
          result%kind = verdict%unstable
          result%growth = gain/(maxloc(pair%distance, dim=1)*pair%length%period)
@@ -378,7 +379,7 @@ contains
             if (n_retained > 0) then                                  ! it starts there and leaves
                result%kind = verdict%unstable
                result%growth = log(self%ratio(min(n_retained + 1, size(self%ratio)))/self%ratio(1))/(n_retained*self%length%period)
-            else if (self%distance(1) > log(growing)) then             ! it leaves within a period, from its neighbour, too
+            else if (self%distance(1) > log(min_growth)) then          ! it leaves within a period, from its neighbour, too
                result%kind = verdict%unstable
                result%growth = self%distance(1)/self%length%period
             end if
@@ -484,11 +485,11 @@ contains
    pure function directions(n, offset) result(values)
       integer, intent(in) :: n, offset
       real(wp) :: values(n)
-      real(wp), parameter :: golden = 0.6180339887498949_wp, root = 0.4142135623730951_wp
+      real(wp), parameter :: golden_ratio = 0.6180339887498949_wp, sqrt_two_fraction = 0.4142135623730951_wp
       integer :: i
 
-      values = [(merge(-1.0_wp, 1.0_wp, modulo((offset + i)*golden, 1.0_wp) < 0.5_wp)* &
-                 (0.5_wp + 0.5_wp*modulo((offset + i)*root, 1.0_wp)), i=1, n)]
+      values = [(merge(-1.0_wp, 1.0_wp, modulo((offset + i)*golden_ratio, 1.0_wp) < 0.5_wp)* &
+                 (0.5_wp + 0.5_wp*modulo((offset + i)*sqrt_two_fraction, 1.0_wp)), i=1, n)]
    end function directions
 
    !> Resets the second time integration to its initial distance, in the same direction, if it is too far or too near.
