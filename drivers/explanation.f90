@@ -3,12 +3,13 @@
 !> what to do next.
 module explanation
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_advice, only: advice_list_t, describe_advice
+   use hb_advice, only: advice_list_t, describe_advice, n_advice
    use hb_attempts, only: describe_attempts
    use hb_document, only: document_t
    use hb_kinds, only: wp
    use hb_motion_advice, only: advise_on_status
-   use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text
+   use hb_motion_result, only: advise_on_reason
+   use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
    use hb_properties, only: properties_t
    use hb_results_record, only: advice_of, attempts_of, messages_of, numbers_of, record_t
    use hb_solver_types, only: attempt_t
@@ -52,8 +53,7 @@ contains
             text = command_to_try(kinds(k), names, plan, document)
             if (len(text) > 0 .and. is_new(text, said)) call add("  try: "//text)
          end do
-         if (size(kinds) > max_kinds) call add("  and "//number_of(size(kinds) - max_kinds, "other message")// &
-            "; nhbm-post info "//shell_word(names%result)//" has a row for each point")
+         if (size(kinds) > max_kinds) call add("  "//others_text(size(kinds), names%result))
       end do
    contains
       subroutine add(line)
@@ -65,7 +65,17 @@ contains
       end subroutine add
    end subroutine status_lines
 
-   !> Explains each kind of failure in a file by its first point; one paragraph per element.
+   !> Text on the kinds beyond those that are reported.
+   pure function others_text(n_kinds, path) result(text)
+      integer, intent(in) :: n_kinds
+      character(*), intent(in) :: path                                !! of the result file
+      character(:), allocatable :: text
+
+      text = "and "//number_of(n_kinds - max_kinds, "other message")//"; nhbm-post info "//shell_word(path)// &
+             " has a row for each point"
+   end function others_text
+
+   !> Explains each kind of failure in a file by its first point; one paragraph per element, `max_kinds` of a status.
    subroutine explain_failures(record, names, plan, document, paragraphs)
       type(record_t), intent(in) :: record
       type(run_names_t), intent(in) :: names
@@ -80,7 +90,7 @@ contains
       allocate (paragraphs(0), said(0))
       do i = outcome%converged + 1, ubound(outcome_names, 1)
          call kinds_of_status(i, without_ends(record%status, plan), names%result, record%n_points, kinds)
-         do k = 1, size(kinds)
+         do k = 1, min(size(kinds), max_kinds)
             text = paragraph(kinds(k), record, names, plan, document)
             n = index(text, command_mark)
             if (n > 0) then
@@ -88,6 +98,7 @@ contains
             end if
             call add_string(paragraphs, text)
          end do
+         if (size(kinds) > max_kinds) call add_string(paragraphs, others_text(size(kinds), names%result))
       end do
    end subroutine explain_failures
 
@@ -144,60 +155,55 @@ contains
       character(*), intent(in) :: path                                !! of the result file
       type(failure_kind_t), allocatable, intent(out) :: kinds(:)
       type(string_t), allocatable :: messages(:)
+      type(advice_list_t) :: advice(size(points))
+      type(failure_kind_t) :: failures(size(points))
       integer, allocatable :: n_periods(:), reasons(:)
       integer :: i
 
-      allocate (messages(0))
-      if (size(points) > 0) call messages_of(path, points, messages)
-      call find_kinds(status, points, messages, kinds)
-      if (size(points) == 0) return
+      call messages_of(path, points, messages)
+      call advice_of(path, points, advice)
       reasons = numbers_of(path, "reason")
       n_periods = numbers_of(path, "n_periods")
-      if (min(size(reasons), size(n_periods)) < maxval(points)) return   ! no such file, or an older one
-      kinds%reason = reasons(kinds%first)
-      kinds%n_periods = n_periods(kinds%first)
-      do i = 1, size(kinds)
-         call advice_of(path, kinds(i)%first, kinds(i)%advice)
+      do i = 1, size(points)
+         failures(i)%status = status
+         failures(i)%first = points(i)
+         failures(i)%message = messages(i)%value
+         failures(i)%advice = advice(i)
+         if (min(size(reasons), size(n_periods)) < points(i)) cycle   ! no such file
+         failures(i)%reason = reasons(points(i))
+         failures(i)%n_periods = n_periods(points(i))
       end do
+      call find_kinds(failures, kinds)
    end subroutine kinds_of_points
 
-   !> Groups points of one status by their messages, ignoring numbers.
-   pure subroutine find_kinds(status, points, messages, kinds)
-      integer, intent(in) :: status
-      integer, intent(in) :: points(:)                                !! from 1, ascending
-      type(string_t), intent(in) :: messages(:)                       !! as points
+   !> Groups points of one status, ascending, by what is stored about their ends; the first of each kind stands for all.
+   pure subroutine find_kinds(failures, kinds)
+      type(failure_kind_t), intent(in) :: failures(:)
       type(failure_kind_t), allocatable, intent(out) :: kinds(:)
-      character(:), allocatable :: form
       integer :: i, k, n
 
-      allocate (kinds(size(points)))
+      allocate (kinds(size(failures)))
       n = 0
-      do i = 1, size(points)
-         form = without_numbers(messages(i)%value)
+      do i = 1, size(failures)
          do k = 1, n
-            if (without_numbers(kinds(k)%message) == form) exit
+            if (ended_alike(kinds(k), failures(i))) exit
          end do
+         if (k > n) kinds(k) = failures(i)
          n = max(n, k)
          kinds(k)%n_points = kinds(k)%n_points + 1
-         if (kinds(k)%n_points > 1) cycle
-         kinds(k)%status = status
-         kinds(k)%first = points(i)
-         kinds(k)%message = messages(i)%value
       end do
       kinds = kinds(:n)
    end subroutine find_kinds
 
-   !> Message without the characters of numbers.
-   pure function without_numbers(message) result(form)
-      character(*), intent(in) :: message
-      character(:), allocatable :: form
-      integer :: i
+   !> Whether two points ended for the same reason, with the same advice; errors, which have no other sign, with the same text.
+   pure logical function ended_alike(one, other)
+      type(failure_kind_t), intent(in) :: one, other
 
-      form = ""
-      do i = 1, len(message)
-         if (index("0123456789.+-Ee", message(i:i)) == 0) form = form//message(i:i)
-      end do
-   end function without_numbers
+      ended_alike = one%reason == other%reason .and. one%n_periods == other%n_periods .and. &
+                    n_advice(one%advice) == n_advice(other%advice)
+      if (ended_alike .and. n_advice(one%advice) > 0) ended_alike = all(one%advice%items%number == other%advice%items%number)
+      if (ended_alike .and. one%reason == reason%error) ended_alike = one%message == other%message
+   end function ended_alike
 
    !> Explains the first point of a kind; lines with a command begin with "try: ".
    function paragraph(kind, record, names, plan, document) result(text)
@@ -210,8 +216,9 @@ contains
       type(advice_list_t) :: list
       type(attempt_t), allocatable :: attempts(:)
 
+      if (is_solved(kind%status)) call advise_on_reason(kind%reason, list)   ! of other points the message has it
       call advise_on_status(kind%status, list)
-      call describe_advice(list, remedy)
+      call describe_advice(list, remedy, ". ")
       text = "Point "//name_of(kind%first, plan)//others_of(kind)//": "//outcome_text(kind%status)//"."
       if (kind%status == outcome%pending .or. kind%status == outcome%unused) then
          if (kind%status == outcome%pending) text = text//" "//remedy

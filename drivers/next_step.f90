@@ -1,14 +1,16 @@
 !> The command to try after points of a run ended with a given status.
 module next_step
    use hb_advice, only: advice, advice_list_t, find_command, n_advice
-   use hb_document, only: document_t, new_document
+   use hb_document, only: document_t
    use hb_error, only: error_t
+   use hb_input_keys, only: find_rule, kind_of, rule_t
    use hb_kinds, only: two_pi, wp
    use hb_model_loads, only: groups_with_tuples
    use hb_model_tones, only: read_tones
    use hb_motion_advice, only: advise_on_status
+   use hb_motion_result, only: advise_on_reason
    use hb_operating_system, only: file_kind, kind_of_file
-   use hb_outcome, only: outcome, reason, reason_names
+   use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
    use hb_properties, only: properties_t
    use hb_results_record, only: column_of => numbers_of
@@ -23,10 +25,10 @@ module next_step
    character(*), parameter :: set_keys(4) = [character(8) :: "set", "order", "tuples", "odd_only"], & ! that fix a set or a grid
                               grid_keys(2) = [character(12) :: "samples", "oversampling"]
    character(*), parameter :: without_bounds(1) = ["jenkins_2d"]      ! laws with states that cvode cannot integrate
-   integer, parameter :: most_points = 1000000                        ! of a curve
-   integer, parameter :: room_for_range = 10                          ! times the points of a curve that covers little of it
-   real(wp), parameter :: little_of_range = 0.5_wp                    ! of the points of a curve, if it has many folds
-   integer, parameter :: more = 10                                    ! times a budget that was insufficient
+   integer, parameter :: max_points = 1000000                         ! of a curve
+   integer, parameter :: more_points_factor = 10                      ! of a curve that covers little of its range
+   real(wp), parameter :: max_covered_share = 0.5_wp                  ! of the range of a curve, if it has many folds
+   integer, parameter :: budget_factor = 10                           ! of a budget that was insufficient
 
    !> Points that ended in the same way.
    type :: failure_kind_t
@@ -106,7 +108,7 @@ contains
       integer :: n
 
       if (can_jump(run)) then
-         n = min(most_points, room_for_range*run%plan%n_fastest())
+         n = min(max_points, more_points_factor*run%plan%n_fastest())
          points = "curve%points="//to_text(n)
          text = solve_with(run, "curve%jump=.true.", [string_t(points)])
       else
@@ -122,7 +124,7 @@ contains
       integer, parameter :: several = 3                               ! folds
 
       can_jump = .false.
-      if (any(run%tones%is_unknown) .or. run%plan%share_covered(run%kind%first) > little_of_range) return
+      if (any(run%tones%is_unknown) .or. run%plan%share_covered(run%kind%first) > max_covered_share) return
       associate (curve => run%plan%curve)
          if (curve%jumps .or. curve%switches .or. allocated(curve%over) .or. size(curve%others) > 0) return
          if (len(curve%origin_path) > 0 .or. (curve%start - curve%from)*(curve%start - curve%to) < 0.0_wp) return
@@ -138,9 +140,9 @@ contains
       integer :: digit
 
       n = plan%n_fastest()
-      n = nint(n*min(real(more, wp), max(2.0_wp, margin/max(plan%share_covered(last), tiny(1.0_wp)))))
+      n = nint(n*min(real(budget_factor, wp), max(2.0_wp, margin/max(plan%share_covered(last), tiny(1.0_wp)))))
       digit = 10**int(log10(real(n)))
-      n = min(most_points, (n + digit - 1)/digit*digit)
+      n = min(max_points, (n + digit - 1)/digit*digit)
    end function enough_points
 
    !> Another run that may find the motion.
@@ -156,14 +158,14 @@ contains
          end if
          select case (run%kind%status)
          case (outcome%stalled, outcome%out_of_budget, outcome%singular, outcome%not_finite, outcome%diverged, outcome%timed_out)
-            if (all(why /= [reason%overflow, reason%steep_friction])) text = with_other_search(run)
+            text = from_reason(run)
+            if (len(text) == 0 .and. all(why /= [reason%overflow, reason%steep_friction])) text = with_other_search(run)
          case (outcome%truncated, outcome%penetrating)
             if (any(why == [reason%growth, reason%departure])) then
                text = integrate_from_rest(run)
-            else if (any(why == [reason%max_fallback_work, reason%tolerance])) then   ! for a longer time integration
-               text = raised(run, trim(reason_names(reason%max_fallback_work)))
             else
-               text = with_more_harmonics(run)
+               text = from_reason(run)
+               if (len(text) == 0) text = with_more_harmonics(run)
             end if
          case (outcome%aliased)
             text = by_tolerance(run)
@@ -191,6 +193,16 @@ contains
       text = from_table(run, list)
    end function look_into
 
+   !> What the table of advice has for what ended the work.
+   function from_reason(run) result(text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable :: text
+      type(advice_list_t) :: list
+
+      call advise_on_reason(merge(reason%time_limit, run%kind%reason, run%kind%status == outcome%timed_out), list)
+      text = from_table(run, list)
+   end function from_reason
+
    !> The first command that the table has for advice: a command line, or assignments for another run; empty if there is none.
    function from_table(run, list) result(text)
       type(run_t), intent(in) :: run
@@ -212,7 +224,11 @@ contains
       else if (len(text) > 0) then
          remark = text(index(text//"  (", "  ("):)
          call split(text(:len(text) - len(remark)), " ", sets)
-         text = solve_with(run, sets(1)%value, sets(2:))
+         do i = 1, size(sets)
+            call multiply(run, sets(i)%value)
+            if (len(sets(i)%value) == 0) text = ""
+         end do
+         if (len(text) > 0) text = solve_with(run, sets(1)%value, sets(2:))
          if (len(text) > 0) text = text//remark
       end if
    end function from_table
@@ -226,41 +242,48 @@ contains
       text = join(parts, new)
    end subroutine replace
 
-   !> A larger budget, the fallbacks that were off, or time integration.
+   !> Makes `path*factor` an assignment of this multiple of the present value, and at least of the default; empty if both are zero.
+   subroutine multiply(run, text)
+      type(run_t), intent(in) :: run
+      character(:), allocatable, intent(inout) :: text
+      type(string_t), allocatable :: words(:)
+      character(:), allocatable :: group, key
+      type(rule_t) :: rule
+      real(wp) :: factor, value
+
+      if (index(text, "*") == 0 .or. index(text, "=") > 0) return
+      call split(text, "*", words)
+      read (words(2)%value, *) factor
+      group = text(:index(text, "%") - 1)
+      key = words(1)%value(len(group) + 2:)
+      call find_rule(group, "", key, rule)
+      value = max(factor*real_of(run, group, key), rule%numbers(1))
+      text = ""
+      if (value <= 0.0_wp) return
+      text = words(1)%value//"="//to_text(value)
+      if (rule%kind == kind_of%whole) text = words(1)%value//"="//to_text(nint(value))
+   end subroutine multiply
+
+   !> Another first guess, finer equations of a curve, or time integration.
    function with_other_search(run) result(text)
       type(run_t), intent(in) :: run
       character(:), allocatable :: text
       type(properties_t), pointer :: group
       character(:), allocatable :: guess
-      integer :: limit
-      logical :: fallbacks
 
       text = ""
       group => run%here%optional_group("solver")
-      call group%get("fallback", fallbacks)
       call group%get("first_guess", guess)
-      limit = run%kind%reason
-      if (run%kind%status == outcome%timed_out) limit = reason%time_limit
-      select case (limit)
-      case (reason%lost_curve)
-         if (run%kind%status == outcome%out_of_budget) then            ! given up, as its errors were too large
-            text = with_more_harmonics(run)
-         else if (has_restitution(run)) then                              ! the period map has no finer equations
-            text = solve_with(run, "curve%max_step="//to_text(real_of(run, "curve", "max_step")/more))
-         else
-            text = with_finer_equations(run)
-         end if
-      case (reason%max_fallback_work, reason%time_limit)
-         text = raised(run, trim(reason_names(limit)))
-      case default
-         if (.not. fallbacks .and. limit == reason%max_iterations) then
-            text = raised(run, "max_iterations", [string_t("solver%fallback=.true.")])
-         else if (limit == reason%max_iterations) then
-            text = raised(run, "max_iterations")
-         else if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) then
+      if (run%kind%reason /= reason%lost_curve) then
+         if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) &
             text = solve_with(run, "solver%first_guess='integration'")
-         end if
-      end select
+      else if (run%kind%status == outcome%out_of_budget) then         ! given up, as its errors were too large
+         text = with_more_harmonics(run)
+      else if (has_restitution(run)) then                             ! the period map has no finer equations
+         text = solve_with(run, "curve%max_step="//to_text(real_of(run, "curve", "max_step")/budget_factor))
+      else
+         text = with_finer_equations(run)
+      end if
       if (len(text) == 0) text = integrate_from_rest(run)
    end function with_other_search
 
@@ -271,7 +294,7 @@ contains
 
       if (is_by_tolerance(run%here)) then
          text = solve_with(run, "accuracy%tolerance="// &
-                           to_text(real_of(run, "accuracy", "tolerance")/more))
+                           to_text(real_of(run, "accuracy", "tolerance")/budget_factor))
       else
          text = with_more_samples(run)
       end if
@@ -331,10 +354,10 @@ contains
       real(wp) :: work
 
       allocate (sets(0))
-      work = merge(more_of_three, more, size(run%tones%omega) > 2)*real_of(run, "accuracy", "max_work")
+      work = merge(more_of_three, budget_factor, size(run%tones%omega) > 2)*real_of(run, "accuracy", "max_work")
       limits = numbers_of(run, "accuracy", key)
       if (size(limits) > 0) then
-         limits = more*min(limits, most/more)
+         limits = budget_factor*min(limits, most/budget_factor)
          call add_string(sets, "accuracy%"//key//"="//list_of(limits))
       end if
       text = solve_with(run, "accuracy%max_work="//to_text(work), sets)
@@ -460,27 +483,6 @@ contains
          needs_fixed_steps = needs_fixed_steps .or. any(type == without_bounds)
       end do
    end function needs_fixed_steps
-
-   !> Ten times the value of a key of `&solver`, and at least its default, with other assignments.
-   function raised(run, key, others) result(command)
-      type(run_t), intent(in) :: run
-      character(*), intent(in) :: key
-      type(string_t), intent(in), optional :: others(:)
-      character(:), allocatable :: command
-      type(document_t), target :: empty
-      type(run_t) :: defaults
-      real(wp) :: after
-
-      call new_document(empty)
-      defaults%here => empty
-      after = max(more*real_of(run, "solver", key), real_of(defaults, "solver", key))
-      command = ""
-      if (key == "max_iterations") then
-         command = solve_with(run, "solver%"//key//"="//to_text(nint(after)), others)
-      else if (after > 0.0_wp) then
-         command = solve_with(run, "solver%"//key//"="//to_text(after), others)
-      end if
-   end function raised
 
    !> The same model with the period multiplied by that of the motion: tuples of loads and orders are multiples of the
    !> new tone.

@@ -3,6 +3,7 @@ module verb_verify
    use arguments, only: arguments_t, read_numbers
    use console, only: print_error, say
    use exit_status, only: incomplete, not_all_right, success
+   use hb_advice, only: advice, advice_list_t, describe_advice
    use hb_error, only: error_t
    use hb_integration_verdict, only: verdict, verdict_names, verdict_t, verdict_text
    use hb_kinds, only: wp
@@ -30,6 +31,7 @@ contains
       type(verdict_t), allocatable :: verdicts(:)
       integer, allocatable :: points(:)
       character(:), allocatable :: text
+      type(advice_list_t) :: list
       type(unverified_t) :: unverified
       integer :: counts(verdict%agrees:verdict%undecided), i, n_left, n_wrong
 
@@ -60,6 +62,10 @@ contains
       end do
       if (len(text) > 0) text = ": "//text
       call say(number_of(sum(counts), "point")//" verified"//text)
+      if (counts(verdict%undecided) == 0) return
+      call list%add(advice%undecided)
+      call describe_advice(list, text)
+      call say(text)
    end subroutine run_verify
 
    !> What has ended the run, and how the points that are left are verified.

@@ -12,6 +12,7 @@
 !> each kind of laws. Measured: docs/develop/performance.md, section "Factors or products".
 module hb_balance
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_assert, only: assert, asserts_are_on
    use hb_block_factors, only: block_factors_t
    use hb_cached_parts, only: cached_parts_t
    use hb_cancellation, only: spend_work
@@ -444,6 +445,8 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(out), contiguous :: r(:)
 
+      if (asserts_are_on) call assert(size(x) == self%n_unknowns .and. size(r) == size(x), &
+                                      "balance_residual", "as many unknowns as the balance")
       call spend_work(self%work_of_pass + self%work_of_kinks)
       call balance_residual_of(self, x, r)
    end subroutine balance_residual
@@ -509,6 +512,7 @@ contains
       logical, intent(out) :: is_ready
       type(error_t), allocatable :: error
 
+      if (asserts_are_on) call assert(size(x) == self%n_unknowns, "balance_linearise", "as many unknowns as the balance")
       call spend_work(self%work_of_kinks)
       call self%differentiate(x, error)
       if (.not. allocated(error)) call self%tangent_product%prepare(self%law_set, error)

@@ -38,6 +38,7 @@ module hb_limit_cycle_search
       type(phase_problem_t) :: phase
       type(report_t) :: report
       character(:), allocatable :: message                            !! why nothing was found, or a remark on the motion found
+      integer :: advice = 0                                           !! of the table of advice, if nothing was found
       real(wp) :: length = 1.0_wp                                     !! typical motion [m]
       real(wp) :: reached = 0.0_wp                                    !! largest amplitude of the search, 0: none [m]
       logical :: is_neutral = .true.                                  !! nothing drove or damped the motion

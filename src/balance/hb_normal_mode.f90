@@ -4,6 +4,7 @@
 !> model; without damping it is zero, and accounts for the redundant equation of a conservative model. Source:
 !> docs/why/theory.md, section 6.5; Krack, Computers and Structures 154 (2015) 59-71.
 module hb_normal_mode
+   use hb_advice, only: advice
    use hb_amplitude_curve, only: begin_curve, point_of, step_along, update_scales
    use hb_balance, only: balance_t
    use hb_curve, only: curve_t, event_t
@@ -122,7 +123,8 @@ contains
       end if
       if (size(search%modes) == 0) then
          search%report%status = outcome%no_motion
-         search%message = "no such linear mode to start from; give a first guess of the motion"
+         search%message = "no such linear mode to start from"
+         search%advice = advice%other_guess
          return
       end if
       call continue_from_mode(search, goal, u)
@@ -368,13 +370,15 @@ contains
             deflection = deflection/deflection(goal%dof)*goal%value
          else
             search%report%status = outcome%no_motion
-            search%message = "the linear mode has a node where the amplitude is measured; choose another mode or dof"
+            search%message = "the linear mode has a node where the amplitude is measured"
+            search%advice = advice%other_mode
          end if
          return
       end if
       if (.not. search%base%is_at_laws(search%modes(1))) then
          search%report%status = outcome%no_motion
-         search%message = "the linear mode has nodes where the laws act; choose another mode"
+         search%message = "the linear mode has nodes where the laws act"
+         search%advice = advice%other_mode
          return
       end if
       length = first_amplitude*search%length
@@ -389,7 +393,8 @@ contains
          deflection = sqrt(goal%value/energy)*deflection
       else
          search%report%status = outcome%no_motion
-         search%message = "a small motion in the linear mode has no energy; choose another mode"
+         search%message = "a small motion in the linear mode has no energy"
+         search%advice = advice%other_mode
       end if
    end subroutine scale_mode
 

@@ -4,6 +4,7 @@
 !> decay in time, averaged over the fast oscillation. If the base motion is stable, a scan of amplitudes first
 !> searches for driving. Source: docs/why/theory.md, section 6.5.
 module hb_self_excitation
+   use hb_advice, only: advice
    use hb_amplitude_curve, only: follow_curve
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
@@ -54,7 +55,8 @@ contains
          self%report%status = outcome%stalled
          self%message = "no starting motion with small amplitudes of the unknown tones was found"
       else if (self%is_neutral) then
-         self%message = "the unknown tone is neither excited nor damped: prescribe its amplitude, as of a normal mode"
+         self%message = "the unknown tone is neither excited nor damped"
+         self%advice = advice%given_amplitude
       else
          self%message = "damped at the amplitudes tried, "//to_text(self%length*first_amplitude)//" to "//to_text(self%reached)
       end if

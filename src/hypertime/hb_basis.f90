@@ -4,6 +4,7 @@
 !> are zero. Vectors and amplitudes are restricted to the unknowns and expanded from them. Source:
 !> docs/why/theory.md, section 2.
 module hb_basis
+   use hb_assert, only: assert, asserts_are_on
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_subset
    use hb_kinds, only: wp
@@ -33,6 +34,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: h
 
+      if (asserts_are_on) call assert(size(is_unknown) == whole%n_harmonics, "new_basis", "a value for each harmonic")
       self%whole = whole
       self%torus = torus
       self%positions = pack([(h, h=1, whole%n_harmonics)], is_unknown)
@@ -77,6 +79,8 @@ contains
       real(wp), intent(out) :: to(:, :)                               !! (to_set%n_coefficients, any)
       integer :: h, k
 
+      if (asserts_are_on) call assert(size(from, 1) == from_set%n_coefficients .and. size(to, 1) == to_set%n_coefficients, &
+                                      "transfer_coefficients", "coefficients of the two sets")
       if (from_set%n_harmonics == to_set%n_harmonics) then             ! the usual case: points of a sweep
          if (all(from_set%tuples == to_set%tuples)) then
             to = from

@@ -4,6 +4,7 @@
 !> quasi-periodic function converges faster than any power of the length of the record. Source: S. Das, Y. Saiki,
 !> E. Sander and J. A. Yorke, Quantitative quasiperiodicity, Nonlinearity 30 (2017) 4111-4140.
 module hb_birkhoff
+   use hb_assert, only: assert, asserts_are_on
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
    implicit none
@@ -70,6 +71,8 @@ contains
       real(wp), allocatable :: weighted(:)
       integer :: h
 
+      if (asserts_are_on) call assert(size(x) >= 3 .and. size(coefficients) == size(frequencies), &
+                                      "coefficients_at", "three samples, and a coefficient for each frequency")
       allocate (weighted, source=bump_weights(size(x))*x)
       coefficients = (0.0_wp, 0.0_wp)
       do h = 1, size(frequencies)

@@ -3,6 +3,7 @@
 !> x(tau) = sum over the set of a_j cos(j.tau) + b_j sin(j.tau). Of j and -j only the one whose first non-zero entry is
 !> positive is stored, so the set does not depend on the values of the base frequencies. Source: docs/why/theory.md, section 2.
 module hb_harmonics
+   use hb_assert, only: assert, asserts_are_on
    use hb_error, only: error_t, fail
    use hb_kinds, only: int64, wp
    use hb_text, only: length_of, to_text
@@ -102,6 +103,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer :: h
 
+      if (asserts_are_on) call assert(any(parity == [0, 1]), "new_of_parity", "parity 0 or 1")
       call new_subset(self, set, pack([(h, h=1, set%n_harmonics)], modulo(sum(set%tuples, dim=1), 2) == parity), error)
    end subroutine new_of_parity
 
@@ -113,6 +115,7 @@ contains
       integer, intent(in) :: retained(:)                              !! numbers of harmonics, ascending
       type(error_t), allocatable, intent(out) :: error
 
+      if (asserts_are_on) call assert(all(retained(2:) > retained(:size(retained) - 1)), "new_subset", "ascending harmonics")
       if (size(retained) == 0) then
          call fail(error, "the set of harmonics has none of the requested tuples")
          return

@@ -4,6 +4,7 @@
 !> With c = a - i b a motion is Re sum c_j exp(i j.tau). Functions are transformed one by one, so that the spectrum of
 !> one remains in the cache; see hb_packed_fft for its layout. Source: docs/why/theory.md, section 3.
 module hb_transform
+   use hb_assert, only: assert, asserts_are_on
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
@@ -126,6 +127,8 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
       integer :: channel
 
+      if (asserts_are_on) call assert(size(x, 1) == self%harmonics%n_coefficients, &
+                                      "transform_to_samples", "coefficients of its harmonics")
       if (self%fft%n_lanes() == 1) then
          do channel = 1, self%n_channels
             call sample_motion(self, 1, x(:, channel), samples(:, channel))
@@ -164,6 +167,9 @@ contains
       real(wp), intent(inout), contiguous :: samples(:, :)            !! (n_total, n_channels), aligned
       integer :: channel
 
+      if (asserts_are_on) call assert(size(x, 1) == self%harmonics%n_coefficients .and. &
+                                      size(frequencies) == self%harmonics%n_harmonics, &
+                                      "transform_to_rate_samples", "coefficients and frequencies of its harmonics")
       if (self%fft%n_lanes() == 1) then
          do channel = 1, self%n_channels
             call sample_rate(self, 1, x(:, channel), frequencies, samples(:, channel))
@@ -232,6 +238,8 @@ contains
       real(wp), intent(out) :: x(:, :)                                !! (n_coefficients, n_channels)
       integer :: channel
 
+      if (asserts_are_on) call assert(size(x, 1) == self%harmonics%n_coefficients, &
+                                      "transform_to_coefficients", "coefficients of its harmonics")
       if (self%fft%n_lanes() == 1) then
          do channel = 1, self%n_channels
             call find_coefficients(self, 1, samples(:, channel), x(:, channel))

@@ -51,6 +51,7 @@ contains
       integer :: m, its_order, i
       integer, allocatable :: more(:, :)
 
+      if (asserts_are_on) call assert(size(loaded, 1) == n_tones, "new_lowest_set", "tuples of all tones")
       its_order = lowest_order(n_tones)
       if (present(order)) its_order = order
       call new_box(box, [(its_order, m=1, n_tones)], .false., error)

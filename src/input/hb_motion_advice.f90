@@ -1,9 +1,9 @@
 !> Advice on a motion: its status with numbers and limits, and what to do.
 module hb_motion_advice
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_advice, only: advice, advice_list_t, append_advice, has_row
+   use hb_advice, only: advice, advice_list_t, has_row
    use hb_kinds, only: wp
-   use hb_motion_result, only: motion_result_t
+   use hb_motion_result, only: advise_on_reason, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text, reason
    implicit none
@@ -23,7 +23,7 @@ contains
       if (motion%n_full_stick > 0) call list%add(advice%full_stick)
       if (motion%reason == reason%unlocated .and. allocated(motion%message)) then
          call list%add(advice%outcome, a=motion%message)
-         call list%add(advice%unlocated_events)
+         call advise_on_reason(motion%reason, list)
       end if
       if (any(motion%status == [outcome%pending, outcome%converged, outcome%unused, outcome%interrupted])) return
       if (.not. is_solved(motion%status) .and. allocated(motion%message)) then
@@ -31,7 +31,7 @@ contains
       else
          call list%add(advice%outcome, a=outcome_text(motion%status))
       end if
-      if (.not. is_solved(motion%status)) call append_advice(list, motion%advice)
+      call motion%list_advice(list)
       associate (accuracy => options%accuracy, errors => motion%error_estimate, limits => options%error_estimate)
          if (is_solved(motion%status) .and. allocated(errors%combination)) then
             call add_error("by truncation", errors%truncation, limits%truncation)

@@ -6,6 +6,7 @@
 !> docs/why/theory.md, section 6.2; Broyden, Math. Comp. 19 (1965) 577-593; Kelley, Iterative Methods for Linear and
 !> Nonlinear Equations, SIAM 1995, chapter 7.
 module hb_broyden
+   use hb_assert, only: assert, asserts_are_on
    use hb_iteration_end, only: end_at_point, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
@@ -41,6 +42,7 @@ contains
       real(wp) :: fraction
       logical :: is_singular
 
+      if (asserts_are_on) call assert(size(x) == problem%n_unknowns, "solve_broyden", "as many unknowns as the problem")
       allocate (r(problem%n_unknowns), step(problem%n_unknowns), step_before(problem%n_unknowns))
       call new_line_search(search, config, problem, x, r, report%residual)
       report%evaluations = 1

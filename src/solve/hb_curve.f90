@@ -11,6 +11,7 @@
 !> chapters 2, 3, 6 and (orientation of piecewise linear curves) 12.
 module hb_curve
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan
+   use hb_assert, only: assert, asserts_are_on
    use hb_bordered, only: bordered_problem_t, plane_t
    use hb_kinds, only: wp
    use hb_krylov, only: solve_krylov
@@ -114,6 +115,10 @@ contains
       type(curve_config_t), intent(in) :: config
       type(solver_config_t), intent(in) :: corrector
 
+      if (asserts_are_on) call assert(norm2(direction) > 0.0_wp .and. all(units > 0.0_wp), &
+                                      "new_curve", "a direction, and positive units")
+      if (asserts_are_on) call assert(all([size(x), size(direction), size(units)] == problem%n_unknowns), &
+                                      "new_curve", "point, direction and units of all unknowns")
       self%problem = problem
       self%config = config
       self%corrector = corrector
@@ -359,6 +364,8 @@ contains
       real(wp), intent(in) :: x(:), direction(:), distance
       type(plane_t) :: plane
 
+      if (asserts_are_on) call assert(size(x) == size(self%x) .and. size(direction) == size(x), &
+                                      "curve_set_plane", "a point and a direction of the curve")
       plane%functional = direction/self%units**2
       self%is_along_functional = .false.
       if (allocated(self%functional)) self%is_along_functional = &

@@ -8,6 +8,7 @@
 !> (twice is enough); de Sturler, J. Comput. Appl. Math. 67 (1996) 15-41.
 module hb_gmres
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_assert, only: assert, asserts_are_on
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
    use hb_lapack, only: dgemv, dnrm2
@@ -80,6 +81,8 @@ contains
       real(wp) :: before, norm, norm_of_b
       integer :: slow_from
 
+      if (asserts_are_on) call assert(size(b) == size(self%work) .and. size(s) == size(b), &
+                                      "gmres_solve", "vectors of the size of new_gmres")
       slow_from = huge(1)
       if (present(fewer_than)) slow_from = (3*fewer_than)/2           ! with a margin: a rate is no guarantee
       self%is_slow = .false.

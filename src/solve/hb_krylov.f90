@@ -3,6 +3,7 @@
 !> Source: docs/why/theory.md, section 6.6; Dembo, Eisenstat, Steihaug, SIAM J. Numer. Anal. 19 (1982) 400-408; Eisenstat and
 !> Walker, SIAM J. Sci. Comput. 17 (1996) 16-32 (accuracy of the steps, the rougher of both choices).
 module hb_krylov
+   use hb_assert, only: assert, asserts_are_on
    use hb_iteration_end, only: end_at_point, end_if_over, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
@@ -32,6 +33,7 @@ contains
       real(wp) :: accuracy, fraction, norm_before
       logical :: is_ready
 
+      if (asserts_are_on) call assert(size(x) == problem%n_unknowns, "solve_krylov", "as many unknowns as the problem")
       allocate (r(problem%n_unknowns), step(problem%n_unknowns))
       call new_line_search(search, config, problem, x, r, report%residual)
       accuracy = lowest_accuracy

@@ -6,6 +6,7 @@
 !> points too far away are therefore not evaluated.
 module hb_line_search
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_assert, only: assert, asserts_are_on
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
@@ -45,6 +46,8 @@ contains
       real(wp), intent(out), contiguous :: r(:)                       !! (n_unknowns)
       real(wp), intent(out) :: norm
 
+      if (asserts_are_on) call assert(size(x) == problem%n_unknowns .and. size(r) == size(x), &
+                                      "new_line_search", "as many unknowns as the problem")
       self%is_on = config%line_search
       allocate (self%x_trial(problem%n_unknowns), self%r_trial(problem%n_unknowns))
       call problem%residual(x, r)

@@ -6,6 +6,7 @@
 !> method). Source: docs/why/theory.md, section 6.1; Qi and Sun, Math. Programming 58 (1993) 353-367; Kelley,
 !> Iterative methods for linear and nonlinear equations, SIAM 1995, section 7.3.
 module hb_newton
+   use hb_assert, only: assert, asserts_are_on
    use hb_iteration_end, only: end_at_point, end_without_step
    use hb_kinds, only: wp
    use hb_line_search, only: line_search_t, new_line_search
@@ -36,6 +37,7 @@ contains
       real(wp) :: before, fraction
       logical :: is_singular
 
+      if (asserts_are_on) call assert(size(x) == problem%n_unknowns, "solve_newton", "as many unknowns as the problem")
       allocate (r(problem%n_unknowns), step(problem%n_unknowns))
       call new_line_search(search, config, problem, x, r, report%residual)
       do

@@ -104,29 +104,31 @@ contains
       call file%close(error)
    end subroutine messages_of
 
-   !> Reads the advice on a point that has no motion, without words; none if it cannot be read.
-   subroutine advice_of(path, point, list)
+   !> Reads the advice on points that have no motion, without words; none if it cannot be read.
+   subroutine advice_of(path, points, lists)
       character(*), intent(in) :: path                  !! of the result file
-      integer, intent(in) :: point                      !! from 1
-      type(advice_list_t), intent(out) :: list
+      integer, intent(in) :: points(:)                  !! from 1
+      type(advice_list_t), intent(out) :: lists(:)      !! as points
       type(error_t), allocatable :: error
-      type(h5_dataset_t) :: dataset
+      type(h5_dataset_t) :: numbers_of_rows, values_of_rows
       type(h5_file_t) :: file
       real(wp) :: values(max_values, max_advice)
-      integer :: i, numbers(max_advice)
+      integer :: i, k, numbers(max_advice)
 
       call open_file(file, path, error)
-      if (.not. allocated(error)) call file%open_dataset("advice_values", dataset, error)
-      if (.not. allocated(error)) call dataset%read(values, error, first=point)
-      call dataset%close()
-      if (.not. allocated(error)) call file%open_dataset("advice", dataset, error)
-      if (.not. allocated(error)) call dataset%read(numbers, error, first=point)
-      call dataset%close()
-      if (allocated(error)) numbers = 0
-      call file%close(error)
-      do i = 1, count(numbers > 0)
-         call list%add(numbers(i), pack(values(:, i), ieee_is_finite(values(:, i))))
+      if (.not. allocated(error)) call file%open_dataset("advice_values", values_of_rows, error)
+      if (.not. allocated(error)) call file%open_dataset("advice", numbers_of_rows, error)
+      do k = 1, size(points)
+         if (.not. allocated(error)) call values_of_rows%read(values, error, first=points(k))
+         if (.not. allocated(error)) call numbers_of_rows%read(numbers, error, first=points(k))
+         if (allocated(error)) exit
+         do i = 1, count(numbers > 0)
+            call lists(k)%add(numbers(i), pack(values(:, i), ieee_is_finite(values(:, i))))
+         end do
       end do
+      call values_of_rows%close()
+      call numbers_of_rows%close()
+      call file%close(error)
    end subroutine advice_of
 
    !> Reads the attempts of a point; none if they cannot be read. Their numbers are those of the program that wrote the file,

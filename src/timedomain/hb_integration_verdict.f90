@@ -70,7 +70,7 @@ contains
       case (verdict%unstable); text = "unstable: time integration diverges from the motion"
       case (verdict%differs); text = "differs from time integration by more than the estimated error allows"
       case (verdict%undecided)
-         text = "undecided: disturbances neither decayed nor grew, or a beat lasts longer; try more --periods"
+         text = "undecided: disturbances neither decayed nor grew, or a beat lasts longer"
       case default; text = "not verified"
       end select
    end function verdict_text

@@ -60,7 +60,6 @@ module hb_steady_windows
    real(wp), parameter :: enough_decay = 8.0_wp                       ! of the slowest mode, as a logarithm
    real(wp), parameter :: min_spread_fall = 0.5_wp                    ! spread relative to the previous one
    real(wp), parameter :: start_perturbation = 1.0e-6_wp              ! of the length of the system, at the start
-   character(*), parameter :: more_work = "; raise solver%max_fallback_work"
    character(*), parameter :: ended = "time integration was ended before its time"
    real(wp), parameter :: runaway_ratio = 1.0e4_wp                    ! displacement relative to the length of the system
 
@@ -388,7 +387,7 @@ contains
       if (any(steady%status == [outcome%integrated, outcome%subharmonic])) return
       steady%status = outcome%pending
       if (len(steady%message) > 0) steady%message = steady%message//"; "
-      steady%message = steady%message//"the work limit was reached"//more_work
+      steady%message = steady%message//"the work limit was reached"
    end subroutine end_without_work
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
@@ -417,7 +416,6 @@ contains
          call end_without_work(steady)
          return
       end if
-      if (next%is_out_of_work) error%message = error%message//more_work
       steady%work = steady%work + cost*(system%laws%n_evaluations - n_before)
       if (allocated(error)) return
       call move_alloc(next%every_displacement, record%every_displacement)
@@ -501,8 +499,7 @@ contains
                               "; harmonics that the given order leaves out carry "//rounded(left_out)//" of the motion"
          end if
       case (outcome%subharmonic)
-         steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods: divide the tones by "// &
-                           to_text(part)
+         steady%message = integrated_for//": the motion repeats after "//to_text(part)//" periods"
       case (outcome%broadband)
          if (finds_lines) then
             steady%message = integrated_for//": a series of "//to_text(discretisation%harmonics%n_harmonics)// &

@@ -246,6 +246,20 @@ def test_lower_layers_name_no_commands_and_groups(path):
         assert not INPUT_WORDS.search(code), f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
 
 
+def test_messages_of_outcomes_state_facts():
+    """What to do is a row of src/advice.txt; errors say themselves what would be right."""
+    do = r"(?:[;:,] |\.\s+)(?:raise|use|try|give|choose|check|set|divide|start|widen|lower|take|add|leave|remove|increase|prescribe)\b"
+    advising = []
+    for path in [path for path in sources() if layer_of(path) in LAYERS_WITHOUT_INPUT]:
+        code = re.sub(r"&\s*\n\s*", "", path.read_text(encoding="utf-8"))
+        advising += [f"{path.name}: {line.strip()}" for line in re.findall(r".*message = .*\".*", code)
+                     if re.search(do, line) and not re.search(r"\berror%message\b|call ", line)]  # fmt: skip
+    for path in sorted((ROOT / "drivers/python/src/nhbm").glob("*.py")):
+        advising += [f"{path.name}: {line.strip()}" for line in path.read_text(encoding="utf-8").splitlines()
+                     if re.search(r"\bwarn\(f?\"", line)]  # fmt: skip
+    assert not advising
+
+
 def test_options_that_messages_name_exist():
     """`solver%max_work` in a message is a component of `options_t` in Fortran, and a path for `--set`, sweeps and Python."""
     rows = (SRC / "input_keys.txt").read_text(encoding="utf-8").splitlines()

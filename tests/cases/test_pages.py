@@ -168,8 +168,8 @@ def statements_of_messages() -> list[list[str]]:
     """The texts of each statement of the source that gives a point its message."""
     also = {"hb_chain_check": r"|text = [^!\n]*", "hb_motion_curve": r"|text = [^!\n]*",
             "hb_curve_end": r"|text = [^!\n]*|returns_to_fold = [^!\n]*"}
-    rows = (ROOT / "src" / "advice.txt").read_text(encoding="utf-8").partition("# Models\n")[0]  # those on failed searches
-    found = [[text] for text in re.findall(r"^\d+ \| \w+ \| (.*?) \|", rows, re.MULTILINE)]
+    rows = (ROOT / "src" / "advice.txt").read_text(encoding="utf-8")  # those on failed searches and on what ended the work
+    found = [[text] for text in re.findall(r"^(?:1?\d|9\d\d) \| \w+ \| (.*?) \|", rows, re.MULTILINE)]
     for folder in ("balance", "motion", "study", "timedomain"):
         for path in sorted((ROOT / "src" / folder).rglob("*.f90")):
             source = re.sub(r"&\s*\n\s*", " ", path.read_text(encoding="utf-8"))

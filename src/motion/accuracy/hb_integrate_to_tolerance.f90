@@ -229,8 +229,8 @@ contains
 
       if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
           needs_larger_set(system, options, result, result%work - steady%work)) then
-         result%message = "no work is left for a larger set, raise accuracy%max_work; a time integration from this motion "// &
-                          "does not become steady within solver%max_fallback_work"
+         result%message = "no work is left for a larger set; a time integration from this motion does not become steady "// &
+                          "within solver%max_fallback_work"
          return
       end if
       is_known = result%reason == reason%tolerance .and. estimate_of(result) < reliable
@@ -442,7 +442,7 @@ contains
       steady%is_out_of_work = .true.
       steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: a series of "// &
                         to_text(n_candidates)//" harmonics has the relative residual "//rounded(steady%spread)// &
-                        " (worst quarter of the record), and no work is left for a longer one; raise solver%max_fallback_work"
+                        " (worst quarter of the record), and no work is left for a longer one"
    end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than

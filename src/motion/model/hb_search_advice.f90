@@ -140,7 +140,7 @@ contains
       stiffness = maxval(abs(df_dz))
    end function stiffness_of
 
-   !> Adds what may help. The first value of an advice on a law is its number, with which a file stores it.
+   !> Adds what may help, beside the limit that ended the search (`limit_of`). The first value of an advice on a law is its number, with which a file stores it.
    subroutine advise_on_search(system, report, circumstances, list)
       type(system_t), intent(in) :: system
       type(report_t), intent(in) :: report
@@ -150,8 +150,6 @@ contains
 
       n = n_advice(list)
       associate (c => circumstances)
-         if (report%status == outcome%timed_out) call list%add(advice%out_of_time)
-         if (was_falling(report)) call list%add(advice%out_of_iterations)
          if (c%stiffness_ratio >= stiff_contact_ratio) call add(advice%stiff_contact, c%contact, [c%stiffness_ratio])
          if (c%slip_ratio < hardly_sliding) call add(advice%hardly_slipping, c%slider, [c%slip_ratio])
          if (is_steep(c)) call add(advice%steep_friction, c%friction, [c%smoothing, c%speed])
@@ -160,8 +158,8 @@ contains
          if (any(report%status == [outcome%diverged, outcome%not_finite])) call list%add(advice%smaller_loads)
          if (count_attempts(report) == 1 .and. report%status /= outcome%timed_out .and. .not. c%has_fallbacks) &
             call list%add(advice%no_fallbacks)
-         if (is_out_of_work(report) .and. .not. is_steep(c)) call list%add(advice%out_of_fallback_work)
-         if (n_advice(list) == n .or. report%status == outcome%stalled) call list%add(unused_guess(c))
+         if (report%status == outcome%stalled .or. (n_advice(list) == n .and. limit_of(report, c) == reason%none)) &
+            call list%add(unused_guess(c))
       end associate
 
    contains

@@ -2,6 +2,7 @@
 !> A known motion, from a neighbouring point or a time integration, is given as `model%start` with its frequencies as
 !> the first guesses `model%tones%omega`; it is tried before any mode.
 module hb_autonomous
+   use hb_advice, only: advice
    use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
@@ -262,8 +263,7 @@ contains
          search%report%status = outcome%stalled
          search%message = "the linear structure has fewer oscillatory modes than unknown tones, and no given start leads "// &
                           "to a motion"
-         if (system%tones%n_tones == 1 .and. .not. options%start%from_integration) &
-            search%message = search%message//"; start from the end of a time integration"
+         search%advice = advice%guess_by_integration
       end if
    end subroutine find_motion
 
@@ -393,8 +393,8 @@ contains
          search%message = "the equilibrium is stable: no mode grows"
          if (.not. any(modes%growth > 0.0_wp)) return
          search%report%status = outcome%stalled
-         search%message = "no motion was found from the modes that grow; give a motion to start from, such as one of a "// &
-                          "time integration"
+         search%message = "no motion was found from the modes that grow"
+         search%advice = advice%guess_by_integration
       end associate
    end subroutine search_from_amplitudes
 

@@ -39,7 +39,7 @@ contains
       end do
    end function may_be_locked
 
-   !> The message with the suggested remedy.
+   !> The ratio of the tones and their common frequency.
    pure function locking_message(self) result(text)
       class(locking_t), intent(in) :: self
       character(200) :: text
@@ -49,7 +49,7 @@ contains
       do m = 2, size(self%multiples)
          text = trim(text)//":"//to_text(self%multiples(m))
       end do
-      text = "the tones lock in the ratio "//trim(text)//", as time integration shows: use one tone, near "// &
+      text = "the tones lock in the ratio "//trim(text)//", as time integration shows; their common frequency is near "// &
          to_text(self%base)//" rad/s"
    end function locking_message
 end module hb_locking

@@ -1,6 +1,7 @@
 !> The results derived from a motion: coefficients, forces, error estimate, named outputs, stability, surfaces.
 module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_advice, only: advice
    use hb_balance, only: balance_t, new_balance
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
@@ -381,10 +382,11 @@ contains
          if (is_missed(found%aliasing, limit%aliasing)) result%status = outcome%aliased
          if (found%impact > limit%impact .and. .not. system%normal_mode%is_requested) & ! a free motion loses no energy
             result%status = outcome%impact                            ! a larger set does not help
-         if (any(system%tones%is_unknown) .and. options%lacks_impacts_of(system, result%status)) &
-            result%message = "the restitution of "// &
-            "walls has no effect on motions with unknown tones, which are not integrated with impacts; give the tones, or "// &
-            "integrate in time"
+         if (any(system%tones%is_unknown) .and. options%lacks_impacts_of(system, result%status)) then
+            result%message = "the restitution of walls has no effect on motions with unknown tones, which are not integrated "// &
+                             "with impacts"
+            call result%advice%add(advice%given_tones)
+         end if
          if (.not. all(ieee_is_finite([found%power_in, found%energy%lost, found%power_laws]))) &
             result%status = outcome%not_finite
          result%is_near_commensurate = system%tones%n_tones > 1 .and. &

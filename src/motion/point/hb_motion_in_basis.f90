@@ -1,7 +1,7 @@
 !> The motion of a system in one basis: its balance is built, solved by the attempts of the solver alone, and described.
 module hb_motion_in_basis
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_quiet_nan, ieee_value
-   use hb_advice, only: advice, advice_list_t
+   use hb_advice, only: advice_list_t
    use hb_amplitudes, only: amplitudes_t
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
@@ -268,6 +268,7 @@ contains
          result%solver_seconds = wall_clock() - begun
          if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
          call store_report(system, options, balance, u, report, result, error)
+         if (search%advice > 0) call result%advice%add(search%advice)
          if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
          solution%u => u
          if (any(system%tones%is_unknown)) solution%problem => search%phase
@@ -347,6 +348,7 @@ contains
       type(circumstances_t) :: circumstances
       character(:), allocatable :: failure
 
+      result%advice = advice_list_t()
       result%status = report%status
       result%iterations = report%iterations
       result%evaluations = report%evaluations
@@ -368,12 +370,9 @@ contains
       else if (allocated(report%attempts) .and. any(report%status == [outcome%stalled, outcome%out_of_budget, outcome%singular, &
                                                                      outcome%not_finite, outcome%diverged, outcome%timed_out])) then
          call find_circumstances(system, options, balance, u, circumstances)
-         result%advice = advice_list_t()
          call advise_on_search(system, report, circumstances, result%advice)
          result%reason = limit_of(report, circumstances)
       else if (report%status == outcome%not_finite) then
-         result%advice = advice_list_t()
-         call result%advice%add(advice%overflow)
          result%reason = reason%overflow
       end if
    end subroutine store_report

@@ -1,7 +1,7 @@
 !> The result of the search for a motion.
 module hb_motion_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_advice, only: advice_list_t, describe_advice
+   use hb_advice, only: advice_list_t, append_advice, describe_advice, has_row
    use hb_error, only: error_t
    use hb_estimated_errors, only: error_estimate_t
    use hb_harmonics, only: harmonics_t
@@ -11,7 +11,9 @@ module hb_motion_result
    use hb_stability, only: stability_t, verdict
    implicit none
    private
-   public :: as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t, stored_motion_t
+   public :: advise_on_reason, as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t, stored_motion_t
+
+   integer, parameter :: of_reason = 900                !! a row of the table of advice: this and the number of a reason
 
    !> Position of a motion on a curve, hb_motion_curve, and the data from which the curve continues: complete for ends
    !> of steps and starts of branches.
@@ -122,6 +124,7 @@ module hb_motion_result
       procedure :: add_message => motion_result_add_message
       procedure :: describe => motion_result_describe
       procedure :: forget_motion => motion_result_forget_motion
+      procedure :: list_advice => motion_result_list_advice
       procedure :: set_failure => motion_result_set_failure
       procedure :: withdraw_verdict => motion_result_withdraw_verdict
    end type motion_result_t
@@ -269,14 +272,32 @@ contains
       end if
    end subroutine motion_result_add_message
 
+   !> Advice on the search, and on what ended the work.
+   pure subroutine motion_result_list_advice(self, list)
+      class(motion_result_t), intent(in) :: self
+      type(advice_list_t), intent(inout) :: list
+
+      call append_advice(list, self%advice)
+      call advise_on_reason(self%reason, list)
+   end subroutine motion_result_list_advice
+
+   !> Adds what the table has for what ended the work.
+   pure subroutine advise_on_reason(why, list)
+      integer, intent(in) :: why                                      !! of `reason`
+      type(advice_list_t), intent(inout) :: list
+
+      if (has_row(of_reason + why)) call list%add(of_reason + why)
+   end subroutine advise_on_reason
+
    !> The message and, if there is no motion, the advice, in one text.
    pure subroutine motion_result_describe(self, text)
       class(motion_result_t), intent(in) :: self
       character(:), allocatable, intent(out) :: text
+      type(advice_list_t) :: list
       character(:), allocatable :: message
 
-      call describe_advice(self%advice, text, "; ")
-      if (is_solved(self%status)) text = ""
+      if (.not. is_solved(self%status)) call self%list_advice(list)
+      call describe_advice(list, text, "; ")
       message = ""
       if (allocated(self%message)) message = self%message
       if (len(message) > 0 .and. len(text) > 0) message = message//"; "

@@ -7,15 +7,12 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING
 
 from nhbm.errors import Implausible, Jump, NotConverged
 from nhbm.groups import Group
 from nhbm.laws import Law, laws_of
 from nhbm.schema import SOLVED, Advice
-
-if TYPE_CHECKING:
-    from nhbm.session import Session
+from nhbm.session import Session
 
 _OF_TONES = frozenset({"near_commensurate", "commensurate", "dependent_tone", "one_tone_of_two", "one_tone_of_many", "equal_tones",
                        "vanishing_combination"})  # fmt: skip
@@ -29,13 +26,13 @@ def on_motion(session: Session) -> list[Advice]:
     if all(one.name != "wrong_derivative" for one in found):
         return found
     own = [label for law, label in laws_of(session.input()) if law.has_own_slopes]  # nhbm has taken the derivative, not the user
-    return [on(session, "rough_derivative", words=[one.subject]) if one.name == "wrong_derivative" and one.subject in own else one
+    return [on("rough_derivative", one.subject) if one.name == "wrong_derivative" and one.subject in own else one
             for one in found]  # fmt: skip
 
 
-def on(session: Session, name: str, values: Sequence[float] = (), words: Sequence[str] = ()) -> Advice:
-    """The advice of a row of the table with these values and words."""
-    return Advice(name, words[0] if words else "", session.describe_advice(name, values, words))
+def on(name: str, *words: str, values: Sequence[float] = ()) -> Advice:
+    """The advice of a row of the table with these words and values."""
+    return Advice(name, words[0] if words else "", Session().describe_advice(name, values, words))
 
 
 def warn(text: str, category: type[Warning] = NotConverged) -> None:
@@ -67,7 +64,7 @@ def warn_of_model(session: Session, known: set[str]) -> None:
             warn(one.text, Implausible)
 
 
-def warn_of_signs(session: Session, laws: Iterable[Group], known: set[str]) -> None:
+def warn_of_signs(laws: Iterable[Group], known: set[str]) -> None:
     """Warns of functions of Python that are laws of one degree of freedom and push it away from rest, once each."""
     for group in laws:
         law, parameters = group.keys.get("name"), group.keys.get("parameters")
@@ -76,7 +73,7 @@ def warn_of_signs(session: Session, laws: Iterable[Group], known: set[str]) -> N
             continue
         known.add(name)
         if law.pushes_away(parameters):
-            warn(on(session, "pushes_away", words=[law.__name__, str(group.keys["dof"])]).text, Implausible)
+            warn(on("pushes_away", law.__name__, str(group.keys["dof"])).text, Implausible)
 
 
 def warn_of_idle_laws(idle: Iterable[Advice]) -> None:
@@ -95,11 +92,11 @@ def warn_of_points(doubts: Iterable[tuple[str, list[Advice]]], n_points: int) ->
     for category, texts_of in kinds.items():
         counts = ", ".join(f"{len(texts)} {words.get(status, status)}" for status, texts in texts_of.items())
         firsts = "\n".join(f"The first: {texts[0]}" if len(texts) > 1 else texts[0] for texts in texts_of.values())
-        warn(f"of {n_points} points {counts}. {firsts}", category)
+        text = f"of {n_points} points {counts}. {firsts}"
+        warn(text, category)
 
 
-def warn_of_jumps(session: Session, branch: Sequence[int], n_line: int, where: Callable[[int], str],
-                  messages: Sequence[str]) -> None:  # fmt: skip
+def warn_of_jumps(branch: Sequence[int], n_line: int, where: Callable[[int], str], messages: Sequence[str]) -> None:
     """Warns of neighbours on different branches, by the numbers of these along lines of `n_line` points; 0: no motion."""
     jumps = []
     for first in range(0, len(branch), n_line):
@@ -107,21 +104,21 @@ def warn_of_jumps(session: Session, branch: Sequence[int], n_line: int, where: C
         jumps += [after for before, after in zip(found, found[1:]) if branch[before] != branch[after]]
     if jumps:
         reason = f": {messages[jumps[0]]}" if messages[jumps[0]] else ""
-        warn(on(session, "jumps", [len(jumps)], [where(jumps[0]) + reason]).text, Jump)
+        warn(on("jumps", where(jumps[0]) + reason, values=[len(jumps)]).text, Jump)
 
 
-def warn_of_return(session: Session, ends: list[float], start: float, stop: float, first: float) -> None:
+def warn_of_return(ends: list[float], start: float, stop: float, first: float) -> None:
     """Warns of a curve that began at one end of the range, and has left it there: what is behind its fold is not known."""
     other = start if first == stop else stop
     if first in (start, stop) and ends and all(abs(end - first) <= 1e-9 * abs(stop - start) for end in ends):
-        warn(on(session, "returned_curve", [first, other]).text)
+        warn(on("returned_curve", values=[first, other]).text)
 
 
-def warn_of_bifurcations(session: Session, kinds: Iterable[str], path: str) -> None:
+def warn_of_bifurcations(kinds: Iterable[str], path: str) -> None:
     """Warns of motions that bifurcate from a curve, of which &curve switch = .true. has the command make files of their own."""
     points = [f"{number} ({kind})" for number, kind in enumerate(kinds) if kind in ("period_doubling", "neimark_sacker")]
     if points:
-        warn(on(session, "bifurcations_not_followed", words=[f"point{'s' * (len(points) > 1)} {', '.join(points)}", path]).text)
+        warn(on("bifurcations_not_followed", f"point{'s' * (len(points) > 1)} {', '.join(points)}", path).text)
 
 
 def warn_of_end(session: Session, path: str, values: list[float], extent: float) -> bool:
@@ -134,11 +131,11 @@ def warn_of_end(session: Session, path: str, values: list[float], extent: float)
         steps = [b - a for a, b in zip(values, values[1:]) if b != a]
         has_folds = share < 0.5 and sum(a * b < 0.0 for a, b in zip(steps, steps[1:])) >= SEVERAL
         numbers = [len(values), float(f"{values[-1]:.7g}"), 100.0 * share, digit * math.ceil(wanted / digit)]
-        warn(on(session, "cut_curve_of_folds" if has_folds else "cut_curve", numbers, [path]).text)
+        warn(on("cut_curve_of_folds" if has_folds else "cut_curve", path, values=numbers).text)
     elif reason == "grazing":
-        warn(on(session, "curve_ended_at_graze").text)
+        warn(on("curve_ended_at_graze").text)
     elif session.status not in (*SOLVED, "collapsed", "locked"):  # there the motion ends
-        warn_of([on(session, "curve_ended_early"), *on_motion(session)])
+        warn_of([on("curve_ended_early"), *on_motion(session)])
     else:
         return False
     return True

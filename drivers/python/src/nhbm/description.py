@@ -175,7 +175,7 @@ class Description(Laws):
         left_out = [group for group in given if group.name in OPERATIONS]
         if left_out:
             names = " and ".join(f"&{name}" for name in dict.fromkeys(group.name for group in left_out))
-            advice.warn(f"{name}: a model leaves out {names} of an input; call {call_of(left_out)}", Implausible)
+            advice.warn(advice.on("left_out_groups", name, names, call_of(left_out)).text, Implausible)
         for group in model._groups:
             if group.keys.get("type") == "user" and not group.keys.get("library"):
                 group.put("name", next((law for law in session.laws if law.input_name == group.keys["name"]), group.keys["name"]))
@@ -632,7 +632,7 @@ class Description(Laws):
         session = self._ready(settings)
         if not self._is_trial:
             advice.warn_of_model(session, self._warned)
-            advice.warn_of_signs(session, self._groups.named("law"), self._warned)
+            advice.warn_of_signs(self._groups.named("law"), self._warned)
         return session
 
     def _continue_cut(self, settings: Settings) -> CutCurve | None:

@@ -313,12 +313,12 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     work._begin({})
     fitted = Fit(paths, values, covariance, residuals, len(paths), is_scaled, work, of, at, order, tolerance, sets, "",
                  problem.predictions, force)  # fmt: skip
-    doubtful = [] if found.success else [f"the optimisation has ended early: {found.message}"]
+    doubtful = [] if found.success else [advice.on("fit_ended_early", found.message)]
     if at_end.any():
-        doubtful.append(f"at an end of its range: {', '.join(np.array(paths)[at_end])}")
+        doubtful.append(advice.on("fit_at_end", ", ".join(np.array(paths)[at_end])))
     if not is_known.all():
-        doubtful.append(f"the data do not determine {', '.join(np.array(paths)[~is_known])}")
-    fitted.message = "; ".join([*doubtful, *_scale_of(fitted), *_systematic(fitted)])
+        doubtful.append(advice.on("fit_undetermined", ", ".join(np.array(paths)[~is_known])))
+    fitted.message = "; ".join(one.text for one in [*doubtful, *_scale_of(fitted), *_systematic(fitted)])
     if fitted.message:
         advice.warn(fitted.message)
     return fitted
@@ -369,25 +369,23 @@ def _covariance(jacobian: Array) -> tuple[Array, Array]:
     return covariance, is_known
 
 
-def _scale_of(fit: Fit) -> list[str]:
+def _scale_of(fit: Fit) -> list[advice.Advice]:
     """What the sizes of the data and of the fit tell about the units of the data."""
     measured = float(np.median(np.concatenate([one.measured for one in fit.sets])))
     predicted = float(np.median(np.abs(np.concatenate(fit.predictions))))
     if not (measured > 0.0 and predicted > 0.0 and np.isfinite(predicted)) or 1 / _OTHER_UNIT < measured / predicted < _OTHER_UNIT:
         return []
-    name, unit = ("forces", "") if fit.force else ("amplitudes", f" [{fit._unit()}]")
-    return [f"the measured {name} are {measured / predicted:.2g} times those of the fit: check their unit{unit}"]
+    words = ("forces", "") if fit.force else ("amplitudes", f" [{fit._unit()}]")
+    return [advice.on("fit_in_other_unit", *words, values=[measured / predicted])]
 
 
-def _systematic(fit: Fit) -> list[str]:
+def _systematic(fit: Fit) -> list[advice.Advice]:
     """What the residuals tell about the model: a misfit beyond the noise, and residuals that depend on those beside them."""
     from scipy.stats import chi2
 
     found, products = [], []
     if not fit.is_scaled and chi2.sf(fit.chi_square, fit.degrees_of_freedom) < _UNLIKELY:
-        n = fit.degrees_of_freedom
-        found.append(f"the noise does not explain the misfit: chi-square {fit.chi_square:.4g} of {n} degrees of freedom; the "
-                     "standard errors are too small")  # fmt: skip
+        found.append(advice.on("fit_beyond_noise", f"{fit.chi_square:.4g}", values=[fit.degrees_of_freedom]))
     rows, end = fit.residuals.reshape(-1, 3), 0
     for one in fit.sets:
         here, end = rows[end : end + len(one.at)], end + len(one.at)
@@ -395,8 +393,7 @@ def _systematic(fit: Fit) -> list[str]:
     beside = np.concatenate([np.array(some) for some in products])
     length = np.linalg.norm(beside)
     if len(beside) >= _MANY and length > 0 and beside.sum() / length > _SIGNIFICANT:
-        found.append("residuals resemble those beside them: the model misses something that the data show, and the standard errors "
-                     "are too small")  # fmt: skip
+        found.append(advice.on("fit_with_pattern"))
     return found
 
 

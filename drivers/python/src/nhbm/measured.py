@@ -203,14 +203,13 @@ def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:
     """Warns of frequencies [rad/s] far from those of the structure, if the other unit would bring them there."""
     natural = model.natural_frequencies()
     lowest, highest = measured.min(), measured.max()
-    other, factor = ("frequency", 1 / (2 * np.pi)) if is_in_hertz else ("hertz", 2 * np.pi)
+    factor = 1 / (2 * np.pi) if is_in_hertz else 2 * np.pi
     is_near = (natural > lowest / 2) & (natural < 2 * highest)
     would_be = (natural > 0.8 * factor * lowest) & (natural < 1.25 * factor * highest)
     if would_be.any() and not is_near.any():
         unit, scale = ("Hz", 2 * np.pi) if is_in_hertz else ("rad/s", 1.0)
-        advice.warn(f"column '{'hertz' if is_in_hertz else 'frequency'}' has {lowest / scale:.4g} to {highest / scale:.4g} {unit}, "
-                    f"far from the natural frequency {natural[would_be][0] / scale:.4g} {unit} of the model; "
-                    f"for values in {'rad/s' if is_in_hertz else 'Hz'} call the column '{other}'", Implausible)  # fmt: skip
+        at, nearest = f"{lowest / scale:.4g} to {highest / scale:.4g} {unit}", f"{natural[would_be][0] / scale:.4g} {unit}"
+        advice.warn(advice.on("frequencies_in_hertz" if is_in_hertz else "frequencies_in_radians", at, nearest).text, Implausible)
 
 
 def _is_number(text: str) -> bool:

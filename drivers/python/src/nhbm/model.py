@@ -198,7 +198,7 @@ class Model(Peaks):
             raise ModelError(f"'{of}' is zero, where an amplitude has no derivative")
         slopes = gradient_of(session, of)
         if np.isnan(slopes).any():
-            advice.warn(f"no derivatives of this motion: {session.message or 'it is not differentiable'}")
+            advice.warn(advice.on("no_derivatives_of_motion", session.message or "it is not differentiable").text)
         return Gradient(value, slopes)
 
     def _warn_of_idle_laws(self, session: Session) -> None:
@@ -308,9 +308,9 @@ class Model(Peaks):
         advice.warn_of_idle_laws(idle or [])
         if not (is_stopped or has_warned or "over" in keys):
             ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
-            advice.warn_of_return(session, ends, start, stop, keys.get("first", start))
+            advice.warn_of_return(ends, start, stop, keys.get("first", start))
         if keys.get("switch"):
-            advice.warn_of_bifurcations(session, found["curve_kind"].values.tolist(), path)
+            advice.warn_of_bifurcations(found["curve_kind"].values.tolist(), path)
         return found
 
     @exclusive

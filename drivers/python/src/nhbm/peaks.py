@@ -194,8 +194,7 @@ class Peaks(Description):
             return None
         advice.warn_of(best["advice"])
         if any(abs(best["at"] - end) <= 1e-9 * abs(keys["to"] - keys["from"]) for end in (keys["from"], keys["to"])):
-            advice.warn(f"the largest {of} is at an end of the range, {self._resolved(path)} = {best['at']:g}: no peak of the "
-                        "curve; widen the range", Implausible)  # fmt: skip
+            advice.warn(advice.on("largest_at_end", of, self._resolved(path), f"{best['at']:g}").text, Implausible)
         return best["found"]
 
     def _trace(self, of: str, path: str, keys: dict[str, Any], tolerance: float | None, order: int | None, groups: dict[str, Any],
@@ -222,7 +221,7 @@ class Peaks(Description):
                 visit(session, response_of(session, of), values[-1])
         if advice.warn_of_end(session, path, values, keys["to"] - keys["from"]):
             return False
-        advice.warn_of_return(session, ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
+        advice.warn_of_return(ends, keys["from"], keys["to"], keys.get("start", keys["from"]))
         return True
 
 

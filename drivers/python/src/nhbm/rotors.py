@@ -6,7 +6,6 @@ the slopes dx/dz and dy/dz of its section."""
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +13,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from nhbm import advice
 from nhbm.errors import Implausible, ModelError
 from nhbm.structure import BY_SPEED, Structure
 from nhbm.values import numbers_of
@@ -64,8 +64,7 @@ class Rotor:
             if not value > 0:
                 raise ModelError(f"{name} must be above 0, not {given}")
             if not least <= value <= most:
-                text = f"{name} = {given}: no solid has it; it is in {unit}, for steel {steel}"
-                warnings.warn(text, Implausible, stacklevel=2)
+                advice.warn(advice.on("implausible_material", name, str(given), unit, steel).text, Implausible)
         if poisson is not None and not -1 < _number("poisson", poisson) <= 0.5:
             raise ModelError(f"poisson must be above -1 and at most 0.5, not {poisson}")
         self.young, self.density, self.poisson = young, density, poisson
@@ -101,8 +100,7 @@ class Rotor:
         if not ((outer > inner).all() and (inner >= 0).all()):
             raise ModelError(f"shaft '{name}': the diameter must be above the bore, and this 0 or more")
         if outer.max() > _LARGEST_DIAMETER:
-            text = f"shaft '{name}': diameter = {outer.max():g} m; lengths are in metres, 1 mm = 1e-3"
-            warnings.warn(text, Implausible, stacklevel=2)
+            advice.warn(advice.on("diameter_in_metres", name, f"{outer.max():g}").text, Implausible)
         new = _Shaft(name, speed, z, self.n_nodes)
         for e, h in enumerate(np.diff(z)):
             stiffness, mass, rotary = self._element(h, outer[e], inner[e])
@@ -143,8 +141,7 @@ class Rotor:
             return
         for name, values in (("stiffness", stiffness), ("damping", damping)):
             if (np.diagonal(_two(values)) < 0).any():
-                text = f"bearing at {z:g} m: {name} {values} is negative: a bearing holds and damps by positive ones"
-                warnings.warn(text, Implausible, stacklevel=2)
+                advice.warn(advice.on("negative_bearing", f"{z:g}", name, str(np.asarray(values).tolist())).text, Implausible)
             self._add(name, (node,), _two(values), np.diag([1.0, 0.0]))
         self._sets[self._next("bearing")] = node
 
@@ -392,8 +389,7 @@ class Rotor:
         nearest = int(np.argmin(np.abs(shaft.z - z)))
         there = float(shaft.z[nearest])
         if abs(there - z) > _BESIDE * (shaft.z[-1] - shaft.z[0]):
-            text = f"{z:g} m on the shaft is not at a node: the nearest one, at {there:g} m, is taken; give the shaft a node there"
-            warnings.warn(text, Implausible, stacklevel=3)
+            advice.warn(advice.on("no_node_there", f"{z:g}", f"{there:g}").text, Implausible)
         return shaft, shaft.first + nearest
 
     def _next(self, word: str) -> str:

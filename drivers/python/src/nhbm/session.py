@@ -523,7 +523,8 @@ class Session:
     def describe_advice(self, name: str, values: Sequence[float] = (), words: Sequence[str] = ()) -> str:
         """The text of a row of the table of advice."""
         numbers = (ctypes.c_double * len(values))(*values)
-        return self._text("describe_advice", name.encode(), len(values), numbers, "\n".join(words).encode())
+        lines = "\n".join(word.replace("\n", " ") for word in words)
+        return self._text("describe_advice", name.encode(), len(values), numbers, lines.encode())
 
     @property
     def message(self) -> str:

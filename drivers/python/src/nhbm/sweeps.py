@@ -100,7 +100,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         self._check_value(path, path_of(path), line)
         if not (paired or warm) and len(set(line)) < len(line):  # otherwise samples, or a way up and down
             twice = next(value for value in line if line.count(value) > 1)
-            advice.warn(f"'{path}': {twice} is given {line.count(twice)} times; the same points are solved again", Implausible)
+            advice.warn(advice.on("value_given_again", path, str(twice), values=[line.count(twice)]).text, Implausible)
     if paired and len(set(map(len, grid.values()))) > 1:
         raise ModelError("paired values must be as many for each path: " + ", ".join(f"{p}: {len(v)}" for p, v in grid.items()))
     n_points = math.prod(len(line) for line in grid.values())
@@ -418,7 +418,7 @@ class Progress:
 
                 self._bar = tqdm(total=self._total, desc=self._what, unit=self._unit)
             except ImportError:
-                warnings.warn("progress=True draws a bar of tqdm, which is not installed: pip install tqdm", stacklevel=5)
+                advice.warn(advice.on("no_progress_bar").text, UserWarning)
         return self
 
     def update(self, n: int = 1, misfit: float | None = None) -> None:
