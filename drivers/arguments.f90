@@ -279,7 +279,7 @@ contains
       else if (self%retries .and. .not. (is_resume .or. self%resumes)) then
          call fail(error, "--retry solves points of an existing result file again; it goes with resume or --resume")
       else if (allocated(self%verb)) then
-         if (any(verb_names() == self%verb) .and. .not. self%wants_help) call refuse_others(self, error)
+         if (any(verb_names() == self%verb) .and. .not. self%wants_help) call reject_others(self, error)
       end if
    end subroutine check_combination
 
@@ -291,7 +291,7 @@ contains
    end function is_more_points
 
    !> Rejects options that the verb does not have.
-   subroutine refuse_others(self, error)
+   subroutine reject_others(self, error)
       type(arguments_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
       character(:), allocatable :: closest
@@ -304,7 +304,7 @@ contains
          call fail(error, self%verb//" has no option "//self%given(i)%value//";"//closest//" it has "//options_of(self%verb))
          return
       end do
-   end subroutine refuse_others
+   end subroutine reject_others
 
    !> Path of the result: --output, or the name of the input without its folder, with the ending .h5, in the current
    !> folder; for resume the given file.

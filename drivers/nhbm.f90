@@ -47,11 +47,11 @@ program nhbm
       end subroutine hb_exit_at_once
 
       !> Ends the process with a text and a status if other code calls exit().
-      subroutine hb_refuse_exit(text, status) bind(c, name="hb_refuse_exit")
+      subroutine hb_reject_exit(text, status) bind(c, name="hb_reject_exit")
          import :: c_char, c_int
          character(c_char), intent(in) :: text(*)
          integer(c_int), value :: status
-      end subroutine hb_refuse_exit
+      end subroutine hb_reject_exit
    end interface
 
    type(arguments_t) :: options
@@ -73,7 +73,7 @@ program nhbm
    if (.not. allocated(error)) call start_workers(options%n_workers, status, error)
    if (status >= 0) call hb_exit(int(status, c_int))                  ! of the process that has started others, which have ended
    call protect_outside_code()
-   call hb_refuse_exit("nhbm: a library has called exit(): a law of the user's own, or one that met a limit on memory "// &
+   call hb_reject_exit("nhbm: a library has called exit(): a law of the user's own, or one that met a limit on memory "// &
       "(ulimit -v); the work is not done"//new_line("a")//c_null_char, int(bad_input, c_int))
    if (.not. allocated(error)) call expect_signals()
    call start_mpi()
@@ -118,7 +118,7 @@ contains
       if (rank_of(comm) == 0) call print_error(error%message)
    end subroutine report_error
 
-   subroutine refuse_verb(verb)
+   subroutine reject_verb(verb)
       character(*), intent(in) :: verb
       character(:), allocatable :: closest
       logical :: is_file
@@ -132,7 +132,7 @@ contains
       closest = trim(closest_word(verb, verb_names()))
       if (len(closest) > 0) closest = " did you mean '"//closest//"'?"
       call fail(error, "unknown verb '"//verb//"';"//closest//" known: "//join(verb_names(), ", "))
-   end subroutine refuse_verb
+   end subroutine reject_verb
 
    subroutine run_verb()
       character(:), allocatable :: verb
@@ -145,7 +145,7 @@ contains
          if (verb == "man") then
             call write_manual(program_version)
          else if (verb /= "" .and. all(verb_names() /= verb)) then
-            call refuse_verb(verb)
+            call reject_verb(verb)
          else
             call write_help(verb)
          end if
@@ -164,7 +164,7 @@ contains
       else if (verb == "") then
          call fail(error, "missing subcommand, for example nhbm solve input.nml; nhbm --help lists all")
       else if (all(verb_names() /= verb)) then
-         call refuse_verb(verb)
+         call reject_verb(verb)
       else if (verb == "why" .and. .not. allocated(options%input)) then
          if (rank_of(comm) == 0) call print_statuses()
       else if ((verb == "resume" .or. verb == "info") .and. .not. allocated(options%input)) then
@@ -174,7 +174,7 @@ contains
       else if (.not. allocated(options%input)) then
          call fail(error, verb//" needs an input file, such as nhbm "//verb//" input.nml")
       else
-         call refuse_other_file(verb, options%input)
+         call reject_other_file(verb, options%input)
          if (.not. allocated(error)) call allocate_blas_memory(error)
          call share_error(comm, error)
          if (.not. allocated(error)) call run_known_verb(verb)
@@ -182,7 +182,7 @@ contains
    end subroutine run_verb
 
    !> Rejects an input where a result is needed, and a result where an input is.
-   subroutine refuse_other_file(verb, path)
+   subroutine reject_other_file(verb, path)
       character(*), intent(in) :: verb, path
       integer :: n
 
@@ -194,7 +194,7 @@ contains
          if (path(max(1, n - 2):n) == ".h5") call fail(error, verb//" needs an input file, not '"//path// &
             "'; nhbm info describes a result, and nhbm-model info a model")
       end if
-   end subroutine refuse_other_file
+   end subroutine reject_other_file
 
    !> Prints a starter input, or the names of all of them.
    subroutine print_starter()

@@ -31,7 +31,7 @@ module hb_column_view
    contains
       procedure :: begin => column_view_begin
       procedure :: find => column_view_find
-      procedure :: refuse_unknown => column_view_refuse_unknown
+      procedure :: reject_unknown => column_view_reject_unknown
       procedure :: integer => column_view_integer
       procedure :: attribute => column_view_attribute
       procedure :: real => column_view_real
@@ -88,7 +88,7 @@ contains
          self%lists_names = .true.                                    ! for the message
          call visit_all()
       end if
-      call self%refuse_unknown(error)
+      call self%reject_unknown(error)
 
    contains
 
@@ -99,7 +99,7 @@ contains
    end subroutine column_view_find
 
    !> Fails if none of the searched columns has the name, with the closest known name.
-   subroutine column_view_refuse_unknown(self, error)
+   subroutine column_view_reject_unknown(self, error)
       class(column_view_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
       type(string_t), allocatable :: known(:)
@@ -110,7 +110,7 @@ contains
       closest = closest_word(self%name, known)
       if (len(closest) > 0) closest = "; did you mean '"//closest//"'?"
       call fail(error, "there is no column '"//self%name//"'; known: "//self%names//closest)
-   end subroutine column_view_refuse_unknown
+   end subroutine column_view_reject_unknown
 
    !> Whether a column is the one that is requested.
    logical function is_requested(self, name, units, axes, long_name)

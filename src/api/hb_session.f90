@@ -370,7 +370,7 @@ contains
       if (.not. allocated(error) .and. len(self%plan%origin_path) > 0) &
          call fail(error, "&curve: origin: result files are not read here")
       if (allocated(error)) return
-      call self%input%document%refuse_tied(self%plan%parameter, self%plan%path, error)
+      call self%input%document%reject_tied(self%plan%parameter, self%plan%path, error)
       if (allocated(error)) return
       self%before = self%input%document%groups%holders(self%plan%parameter%i_group)%group%content
       call self%plan%set(self%input%document, self%plan%start)

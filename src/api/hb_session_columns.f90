@@ -115,7 +115,7 @@ contains
       else
          call verdict_columns(self, session%verdict)
       end if
-      call self%refuse_unknown(error)
+      call self%reject_unknown(error)
    end subroutine session_columns_find_in_time
 
    !> Finds the units of degrees of freedom, once for a structure.

@@ -124,7 +124,7 @@ contains
             return
          end if
       end associate
-      call self%document%refuse_tied(parameter, key, error)
+      call self%document%reject_tied(parameter, key, error)
    end subroutine session_input_find
 
    !> Sets a key to values: reals, integers, logicals or texts; none: its default. Matrices are given by rows.
@@ -170,8 +170,8 @@ contains
          error%message = "'"//path//"': "//error%message
          return
       end if
-      call self%document%refuse_unknown(parameter, path, error)
-      if (.not. allocated(error)) call self%document%refuse_tied(parameter, path, error)
+      call self%document%reject_unknown(parameter, path, error)
+      if (.not. allocated(error)) call self%document%reject_tied(parameter, path, error)
       if (.not. allocated(error)) handle = self%n_former + self%document%groups%holders(parameter%i_group)%group%handle
    end subroutine session_input_locate
 

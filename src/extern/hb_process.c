@@ -134,7 +134,7 @@ static void on_exit_by_others(void)
    hb_exit_at_once(exit_status_of_others);
 }
 
-void hb_refuse_exit(const char *text, int exit_status)
+void hb_reject_exit(const char *text, int exit_status)
 {
    strncpy(exit_words, text, MAX_TEXT - 1);
    this_process = getpid();

@@ -25,7 +25,7 @@ const char *hb_caught_signal_name(void);
 
 /* From now on, if any code other than hb_exit calls exit() or, under Linux, _exit(), such as a user law, the process writes `text`
    to standard error and ends with `exit_status`, not 0. */
-void hb_refuse_exit(const char *text, int exit_status);
+void hb_reject_exit(const char *text, int exit_status);
 
 /* Ends the process, as exit() does. */
 void hb_exit(int exit_status);

@@ -82,8 +82,8 @@ module hb_document
       procedure :: n_tones_of => document_n_tones_of
       procedure :: number_at => document_number_at
       procedure :: optional_group => document_optional_group
-      procedure :: refuse_tied => document_refuse_tied
-      procedure :: refuse_unknown => document_refuse_unknown
+      procedure :: reject_tied => document_reject_tied
+      procedure :: reject_unknown => document_reject_unknown
       procedure :: required_group => document_required_group
       procedure :: remove => document_remove
       procedure :: remove_group => document_remove_group
@@ -424,7 +424,7 @@ contains
    end function document_drives
 
    !> Fails if a parameter follows another one, because nothing else may change it.
-   pure subroutine document_refuse_tied(self, parameter, path, error)
+   pure subroutine document_reject_tied(self, parameter, path, error)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
       character(*), intent(in) :: path                      !! of the parameter, for the message
@@ -440,10 +440,10 @@ contains
             return
          end associate
       end do
-   end subroutine document_refuse_tied
+   end subroutine document_reject_tied
 
    !> Fails if the table of keys has no key of this name for the group of a parameter.
-   pure subroutine document_refuse_unknown(self, parameter, path, error)
+   pure subroutine document_reject_unknown(self, parameter, path, error)
       class(document_t), intent(in) :: self
       type(parameter_t), intent(in) :: parameter
       character(*), intent(in) :: path                      !! of the parameter, for the message
@@ -455,7 +455,7 @@ contains
          call group%describe_unknown(trim(parameter%key), text)
       end associate
       call fail(error, "'"//trim(path)//"': "//text)
-   end subroutine document_refuse_unknown
+   end subroutine document_reject_unknown
 
    !> Whether the values of a parameter replace all of those of another: the same key as a whole, or the same element.
    pure logical function parameter_hides(self, other) result(hides)
@@ -574,7 +574,7 @@ contains
             if (group%reading == self%reading) then
                call group%finish(problem)
             else if (group%line == 0 .and. group%reading == 0) then
-               call group%refuse_unread(problem)
+               call group%reject_unread(problem)
             else
                cycle
             end if
@@ -603,7 +603,7 @@ contains
       do i = 1, self%groups%n
          associate (group => self%groups%holders(i)%group)
             if (group%reading /= self%reading) then
-               call group%refuse_unknown(problem)
+               call group%reject_unknown(problem)
             else if (group%has_problems()) then
                call group%finish(problem)
                n = scan(problem%message//new_line("a"), new_line("a")) - 1

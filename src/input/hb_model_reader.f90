@@ -18,7 +18,7 @@ module hb_model_reader
    use hb_model_settings, only: check_symmetry, read_accuracy, read_error_estimate, read_integration, read_output, read_sampling, &
       read_solver, read_stability
    use hb_model_tones, only: check_fundamentals, read_normal_mode, read_phase, read_tones
-   use hb_number_paths, only: read_gradient, read_ties, refuse_unknown_tones, store_ties
+   use hb_number_paths, only: read_gradient, read_ties, reject_unknown_tones, store_ties
    use hb_options, only: callbacks_t, options_t, purpose_t
    use hb_parameter_number, only: locate_number
    use hb_primary_method, only: primary_method
@@ -227,7 +227,7 @@ contains
       call read_initial(self, document)
       call store_ties(self, document, relations)
       call read_gradient(self, document)
-      if (.not. self%options%may_integrate) call refuse_integration(self, document)
+      if (.not. self%options%may_integrate) call reject_integration(self, document)
       self%options%integration%max_work = work_of_integration(self%system, self%options)
    end subroutine read_parts
 
@@ -245,7 +245,7 @@ contains
          group => document%group("dynamic_stiffness", 1)
          call group%problem("type", "a normal mode has no stiffness that depends on the frequency; leave out &normal_mode")
       end if
-      call refuse_unknown_tones(document, self%system%tones)
+      call reject_unknown_tones(document, self%system%tones)
       if (self%system%tones%n_tones > 0) &
          call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
                             self%options%purpose%is_followed)
@@ -310,7 +310,7 @@ contains
    end subroutine read_conditions
 
    !> Reports what a key requests and a &dynamic_stiffness has no equations for.
-   subroutine refuse_integration(self, document)
+   subroutine reject_integration(self, document)
       type(model_t), intent(in) :: self
       type(document_t), intent(inout), target :: document
       character(*), parameter :: reason = &
@@ -323,7 +323,7 @@ contains
       group => document%optional_group("stability")
       if (self%options%stability%method == stability_method%integration .and. .not. has_determinants(self%system)) &
          call group%problem("method", reason)
-   end subroutine refuse_integration
+   end subroutine reject_integration
 
    !> Whether the stability of a motion can be found without equations in time (hb_hill), for all parts that depend on frequency.
    pure logical function has_determinants(system) result(has)
@@ -346,7 +346,7 @@ contains
 
       associate (set => self%discretisation%harmonics, symmetry => self%discretisation%symmetry, accuracy => self%options%accuracy)
          if (self%system%tones%n_tones == 0) then
-            call refuse_harmonics(document)
+            call reject_harmonics(document)
             call new_harmonics(set, reshape([integer ::], [0, 1]), error)
          else if (accuracy%grows_set) then
             call read_lowest_set(set, document, wanted_tuples(self%system, self%options, document), error, symmetry)
@@ -373,7 +373,7 @@ contains
    end function work_of_integration
 
    !> Rejects what is given about harmonics of tones that there are not.
-   subroutine refuse_harmonics(document)
+   subroutine reject_harmonics(document)
       type(document_t), intent(inout), target :: document
       character(10), parameter :: names(3) = [character(10) :: "harmonics", "accuracy", "sampling"]
       type(properties_t), pointer :: group
@@ -384,7 +384,7 @@ contains
          group => document%group(trim(names(i)), 1)
          call group%problem_as_is(group%location()//": there are no harmonics without &tones; leave it out, or give &tones")
       end do
-   end subroutine refuse_harmonics
+   end subroutine reject_harmonics
 
    !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` stops the reading.
    subroutine read_whole_structure(self, document, error)

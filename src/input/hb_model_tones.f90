@@ -181,7 +181,7 @@ contains
          call group%get("mode", mode%mode)
          if (mode%has_energy) then
             call group%get("energy", mode%energy)
-            call refuse_beside_energy(group)
+            call reject_beside_energy(group)
             call check_energy(self%system, self%discretisation, group)
          else if (.not. any([group%given("amplitude"), group%given("dof"), group%given("measure")])) then
             call group%problem("amplitude", "give 'amplitude' and 'dof', or 'energy'")
@@ -207,7 +207,7 @@ contains
    end subroutine read_normal_mode
 
    !> Rejects keys of a mode with given amplitude if the energy is given.
-   subroutine refuse_beside_energy(group)
+   subroutine reject_beside_energy(group)
       type(properties_t), intent(inout) :: group
       character(9), parameter :: keys(3) = [character(9) :: "amplitude", "dof", "measure"]
       integer :: i
@@ -215,7 +215,7 @@ contains
       do i = 1, size(keys)
          if (group%given(trim(keys(i)))) call group%problem(trim(keys(i)), "not beside 'energy'; leave out one of the two")
       end do
-   end subroutine refuse_beside_energy
+   end subroutine reject_beside_energy
 
    !> Rejects models in which a free motion has no mechanical energy: laws without a potential, time-dependent loads,
    !> an unsymmetric stiffness.

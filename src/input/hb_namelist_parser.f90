@@ -148,7 +148,7 @@ contains
       if (rest_is_empty(text, scan%position)) then
          content%spelling = text(body%offset + 1:scan%position - 1)
       else
-         call refuse_rest(text, scan, name)
+         call reject_rest(text, scan, name)
       end if
    end subroutine parse_body
 
@@ -168,7 +168,7 @@ contains
    end subroutine pass_comma
 
    !> Stops at what is on the line of the end of a group.
-   pure subroutine refuse_rest(text, scan, name)
+   pure subroutine reject_rest(text, scan, name)
       character(*), intent(in) :: text
       type(scan_t), intent(inout) :: scan
       character(*), intent(in) :: name                                !! of the group
@@ -180,7 +180,7 @@ contains
          call stop_at(scan, scan%line, "text behind the end of group &"//name// &
                       "; a value with '/' needs quotes, a comment begins with '!'")
       end if
-   end subroutine refuse_rest
+   end subroutine reject_rest
 
    !> Whether the word that ends at `last` is a key: '=' or an index follows; blanks in between are ignored.
    pure logical function is_key(text, last)

@@ -15,7 +15,7 @@ module hb_number_paths
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: not_in_set, read_gradient, read_ties, refuse_unknown_tones, store_ties
+   public :: not_in_set, read_gradient, read_ties, reject_unknown_tones, store_ties
 
    character(*), parameter :: not_in_set = "the set of harmonics does not have this tuple; raise the order of &harmonics"
 
@@ -199,7 +199,7 @@ contains
       call find_value(document, group, "by", path, parameter)
       if (parameter%i_group == 0) return
       problem = ""
-      call document%refuse_tied(parameter, path, error)
+      call document%reject_tied(parameter, path, error)
       call document%number_at(parameter, value, is_given)
       if (allocated(error)) then
          problem = error%message
@@ -249,7 +249,7 @@ contains
    end subroutine find_value
 
    !> Reports a problem for each tie of a value that cannot follow an unknown frequency.
-   subroutine refuse_unknown_tones(document, tones)
+   subroutine reject_unknown_tones(document, tones)
       type(document_t), intent(inout), target :: document
       type(tones_t), intent(in) :: tones
       type(properties_t), pointer :: group
@@ -264,5 +264,5 @@ contains
          call group%problem("parameter", "follows the frequency of an unknown tone, which only values of "// &
                             trim(list_groups(numbered_groups%may_follow_unknown, "and"))//" can")
       end do
-   end subroutine refuse_unknown_tones
+   end subroutine reject_unknown_tones
 end module hb_number_paths

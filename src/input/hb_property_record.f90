@@ -38,8 +38,8 @@ module hb_property_record
       procedure :: given => record_given
       procedure :: has_key => record_has_key
       procedure :: has_problems => record_has_problems
-      procedure :: refuse_unknown => record_refuse_unknown
-      procedure :: refuse_unread => record_refuse_unread
+      procedure :: reject_unknown => record_reject_unknown
+      procedure :: reject_unread => record_reject_unread
       procedure :: location => record_location
       procedure :: pass_over_keys => record_pass_over_keys
       procedure :: problem => record_problem
@@ -107,15 +107,15 @@ contains
    end subroutine record_describe_unknown
 
    !> Fails because the group, set from outside, is not read.
-   pure subroutine record_refuse_unread(self, error)
+   pure subroutine record_reject_unread(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
 
       call fail(error, location_at(self, 0, .true.)//": this group is not read")
-   end subroutine record_refuse_unread
+   end subroutine record_reject_unread
 
    !> Fails with the given keys that no type of the group has, one per line: what can be said of a group before it is read.
-   pure subroutine record_refuse_unknown(self, error)
+   pure subroutine record_reject_unknown(self, error)
       class(record_t), intent(in) :: self
       type(error_t), allocatable, intent(out) :: error
       type(string_t), allocatable :: known(:)
@@ -137,7 +137,7 @@ contains
          end do
       end associate
       if (n > 0) call fail(error, lines%text())
-   end subroutine record_refuse_unknown
+   end subroutine record_reject_unknown
 
    !> Position of the group for messages, like `beam.nml:12: &law(2)`.
    pure function record_location(self) result(location)

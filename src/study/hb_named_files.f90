@@ -7,7 +7,7 @@ module hb_named_files
    use hb_properties, only: properties_t
    implicit none
    private
-   public :: are_same_files, refuse_other_libraries
+   public :: are_same_files, reject_other_libraries
 
 contains
 
@@ -20,7 +20,7 @@ contains
 
    !> Fails if the library of a law is none of those that a result file lists. It is not loaded for that: loading runs its code.
    !> What is no file is left to the loader.
-   subroutine refuse_other_libraries(document, files, error)
+   subroutine reject_other_libraries(document, files, error)
       type(document_t), intent(in) :: document                        !! the input that the file contains
       character(*), intent(in) :: files                               !! the list (`system_t%list_files`)
       type(error_t), allocatable, intent(out) :: error
@@ -43,7 +43,7 @@ contains
                    trim(file_fingerprint(path))//new_line("a")//"in the file:"//new_line("a")//files)
          return
       end do
-   end subroutine refuse_other_libraries
+   end subroutine reject_other_libraries
 
    !> A text without what precedes the last slash of each name; a name begins at a quote, a line or a colon with its blank.
    pure function without_folders(text) result(short)

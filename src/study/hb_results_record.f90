@@ -23,7 +23,7 @@ module hb_results_record
    public :: advice_of, attempts_of, count_pending, fail_where_damaged, message_of, messages_of, name_of_input, numbers_of
    public :: open_points
    public :: store_law_doubt
-   public :: read_record, read_units, record_t, refuse_damaged_rows
+   public :: read_record, read_units, record_t, reject_damaged_rows
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
@@ -478,7 +478,7 @@ contains
    end subroutine find_damaged_rows
 
    !> Fails if rows of these points are damaged.
-   subroutine refuse_damaged_rows(path, status, points, error)
+   subroutine reject_damaged_rows(path, status, points, error)
       character(*), intent(in) :: path
       integer, intent(in) :: status(:)                                !! of all points
       integer, intent(in) :: points(:)                                !! from 0; empty: all
@@ -490,7 +490,7 @@ contains
       if (allocated(error)) return
       if (size(points) > 0) is_damaged = is_damaged .and. [(any(points == i - 1), i=1, size(status))]
       call fail_where_damaged(path, is_damaged, error)
-   end subroutine refuse_damaged_rows
+   end subroutine reject_damaged_rows
 
    !> Fails with the names of damaged points, if there are any.
    pure subroutine fail_where_damaged(path, is_damaged, error)

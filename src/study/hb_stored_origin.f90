@@ -12,7 +12,7 @@ module hb_stored_origin
    use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind
-   use hb_results_record, only: refuse_damaged_rows
+   use hb_results_record, only: reject_damaged_rows
    use hb_stored_rows, only: stored_file_t
    use hb_system, only: system_t
    use hb_text, only: to_text
@@ -62,7 +62,7 @@ contains
       call stored%get_position(point + 1, position, error)
       call stored%get_tuples(point + 1, tuples, error)
       call stored%file%close(error)
-      if (.not. allocated(error)) call refuse_damaged_rows(path, status, [point], error)
+      if (.not. allocated(error)) call reject_damaged_rows(path, status, [point], error)
       if (.not. allocated(error)) then
          if (options%lacks_impacts_of(system, outcome%impact)) then
             call adopt_state(self, position, system, error)

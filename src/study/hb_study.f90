@@ -11,7 +11,7 @@ module hb_study
    use hb_model, only: model_t
    use hb_model_reader, only: read_model
    use hb_model_tones, only: read_tones
-   use hb_named_files, only: refuse_other_libraries
+   use hb_named_files, only: reject_other_libraries
    use hb_namelist, only: read_namelist, set_text, write_complete_text
    use hb_operating_system, only: folder_of
    use hb_options, only: callbacks_t, purpose_t, share_of_integrated
@@ -70,7 +70,7 @@ contains
       self%input_text = text
       self%input_overrides = join(overrides, new_line("a"))
       call read_input(self%document, file_name, text, overrides, error)
-      if (present(files) .and. .not. allocated(error)) call refuse_other_libraries(self%document, files, error)
+      if (present(files) .and. .not. allocated(error)) call reject_other_libraries(self%document, files, error)
       if (allocated(error)) return
       call read_sweep_plan(self%plan, self%document, error)
       if (allocated(error)) return
@@ -85,8 +85,8 @@ contains
       self%purpose%is_followed = allocated(self%plan%curve)
       if (present(may_only_integrate)) self%purpose%may_only_integrate = may_only_integrate
       call read_model(self%model, self%document, error, self%available_memory, self%callbacks, self%purpose)
-      if (.not. allocated(error)) call self%plan%refuse_tied(self%document, error)
-      if (.not. allocated(error)) call refuse_hidden(self%plan, self%document, overrides, error)
+      if (.not. allocated(error)) call self%plan%reject_tied(self%document, error)
+      if (.not. allocated(error)) call reject_hidden(self%plan, self%document, overrides, error)
       if (allocated(error)) return
       call self%plan%note_units(self%document)
       if (allocated(self%plan%curve)) then
@@ -177,7 +177,7 @@ contains
    end subroutine apply_overrides
 
    !> Rejects an override without effect, because a sweep, a curve or a tie gives the same key other values.
-   subroutine refuse_hidden(plan, document, overrides, error)
+   subroutine reject_hidden(plan, document, overrides, error)
       type(sweep_plan_t), intent(in) :: plan
       type(document_t), intent(inout) :: document
       type(string_t), intent(in) :: overrides(:)                      !! path=value
@@ -202,11 +202,11 @@ contains
                   return
                end if
             end if
-            call document%refuse_tied(parameter, trim(adjustl(path)), error)
+            call document%reject_tied(parameter, trim(adjustl(path)), error)
             if (allocated(error)) return
          end associate
       end do
-   end subroutine refuse_hidden
+   end subroutine reject_hidden
 
    !> Applies one `path=value`; without a value the key is removed.
    subroutine apply_override(document, text, error)

@@ -47,7 +47,7 @@ module hb_sweep_plan
       procedure :: n_fastest_of_whole => sweep_plan_n_fastest_of_whole
       procedure :: n_expected => sweep_plan_n_expected
       procedure :: share_covered => sweep_plan_share_covered
-      procedure :: refuse_tied => sweep_plan_refuse_tied
+      procedure :: reject_tied => sweep_plan_reject_tied
    end type sweep_plan_t
 
 contains
@@ -70,7 +70,7 @@ contains
          self%parameters(i)%location = group%location()
          self%parameters(i)%units = ""
          call read_values(self%parameters(i), group)
-         call refuse_twice(self%parameters(:i), group)
+         call reject_twice(self%parameters(:i), group)
          call group%finish(error)
          if (allocated(error)) return
          if (parts(2, i) > self%parameters(i)%length()) then
@@ -130,8 +130,8 @@ contains
             group => document%group("sweep", i)
             swept%parameter%line = line_of_sweep(group%line)
             if (.not. allocated(error)) then
-               if (allocated(self%curve)) call refuse_curve(self%curve, swept, error)
-               call refuse_same(self%parameters(:i), error)
+               if (allocated(self%curve)) call reject_curve(self%curve, swept, error)
+               call reject_same(self%parameters(:i), error)
                if (document%n_tones_of(swept%parameter) > 1) call fail(error, "there are "// &
                   to_text(document%n_tones_of(swept%parameter))//" tones; say which, such as '"//trim(swept%path)//"(1)'")
                if (.not. allocated(error)) cycle
@@ -143,7 +143,7 @@ contains
    end subroutine resolve_parameters
 
    !> Fails if the last of the parameters is an earlier one under another name, such as law(1)%gap and law(stop)%gap.
-   subroutine refuse_same(parameters, error)
+   subroutine reject_same(parameters, error)
       type(swept_t), intent(in) :: parameters(:)
       type(error_t), allocatable, intent(inout) :: error
       integer :: i, n
@@ -153,29 +153,29 @@ contains
          if (parameters(i)%parameter%hides(parameters(n)%parameter) .or. parameters(n)%parameter%hides(parameters(i)%parameter)) &
             call fail(error, "is swept twice, also as '"//trim(parameters(i)%path)//"' by "//parameters(i)%location)
       end do
-   end subroutine refuse_same
+   end subroutine reject_same
 
    !> Fails if a value that is swept, or that moves along a curve, is tied to another one.
-   subroutine sweep_plan_refuse_tied(self, document, error)
+   subroutine sweep_plan_reject_tied(self, document, error)
       class(sweep_plan_t), intent(in) :: self
       type(document_t), intent(in) :: document                        !! that was read
       type(error_t), allocatable, intent(out) :: error
       integer :: i
 
       do i = 1, size(self%parameters)
-         call document%refuse_tied(self%parameters(i)%parameter, self%parameters(i)%path, error)
+         call document%reject_tied(self%parameters(i)%parameter, self%parameters(i)%path, error)
          if (allocated(error)) error%message = self%parameters(i)%location//": "//error%message
          if (allocated(error)) return
       end do
       if (.not. allocated(self%curve)) return
-      call document%refuse_tied(self%curve%parameter, self%curve%path, error)
+      call document%reject_tied(self%curve%parameter, self%curve%path, error)
       if (.not. allocated(error) .and. allocated(self%curve%over)) &
-         call document%refuse_tied(self%curve%over_parameter, self%curve%over_path, error)
+         call document%reject_tied(self%curve%over_parameter, self%curve%over_path, error)
       if (allocated(error)) error%message = self%curve%location//": "//error%message
-   end subroutine sweep_plan_refuse_tied
+   end subroutine sweep_plan_reject_tied
 
    !> Rejects a path that an earlier parameter has: the later value would replace the earlier one.
-   subroutine refuse_twice(parameters, group)
+   subroutine reject_twice(parameters, group)
       type(swept_t), intent(in) :: parameters(:)                      !! the last is that of the group
       type(properties_t), intent(inout) :: group
       integer :: i, n
@@ -188,10 +188,10 @@ contains
          call group%problem("parameter", "is swept twice, also by "//parameters(i)%location)
          return
       end do
-   end subroutine refuse_twice
+   end subroutine reject_twice
 
    !> Rejects a sweep of the value that moves along the curve, or of the curve itself.
-   subroutine refuse_curve(curve, swept, error)
+   subroutine reject_curve(curve, swept, error)
       type(curve_plan_t), intent(in) :: curve
       type(swept_t), intent(in) :: swept
       type(error_t), allocatable, intent(out) :: error
@@ -201,7 +201,7 @@ contains
       else if (swept%group == "curve") then
          call fail(error, "a sweep cannot vary a curve; give the path of another group")
       end if
-   end subroutine refuse_curve
+   end subroutine reject_curve
 
    !> Reads the numbers of the axes. A group without a number gets the lowest unused number, an axis of its own.
    subroutine read_axes(document, axis_of)

@@ -55,7 +55,7 @@ contains
       end if
       call read_first(source, first, error)
       if (.not. allocated(error)) call source%model%system%check_balance(error)
-      if (.not. allocated(error)) call source%plan%refuse_tied(first, error)
+      if (.not. allocated(error)) call source%plan%reject_tied(first, error)
       if (allocated(error)) return
       call source%plan%note_units(first)
       if (is_chained(source%plan, source%model)) then

@@ -16,7 +16,7 @@ module hb_verify
    use hb_options, only: purpose_t
    use hb_outcome, only: is_integrated, is_solved
    use hb_progress, only: log_level, new_progress, progress_t
-   use hb_results_record, only: read_record, record_t, refuse_damaged_rows
+   use hb_results_record, only: read_record, record_t, reject_damaged_rows
    use hb_run_callbacks, only: run_callbacks
    use hb_signals, only: wait_for_points
    use hb_stored_rows, only: stored_file_t
@@ -84,7 +84,7 @@ contains
       if (present(options)) how = options
       call read_stored(path, stored, error)
       if (.not. allocated(error)) call check_points(path, stored, points, error)
-      if (.not. allocated(error)) call refuse_damaged_rows(path, stored%status, points, error)
+      if (.not. allocated(error)) call reject_damaged_rows(path, stored%status, points, error)
       call share_error(comm, error)
       if (allocated(error)) return
       allocate (verdicts(size(stored%status)))

@@ -53,7 +53,7 @@ SECTIONS_BY_PROCEDURE = {
     "read_tuple": ["start", *LOADS],
     "read_ties": ["tie"],
     "read_user_law": ["law user"],
-    "refuse_other_libraries": ["law user"],
+    "reject_other_libraries": ["law user"],
     "jenkins_declare_numbers": ["law jenkins", "law jenkins_2d"],
     "declare_contacts": ["law blade_contact", "law contact_table"],
     "frequency_part_declare_numbers": ["dynamic_stiffness"],  # and of its kinds, each in a case

@@ -134,12 +134,12 @@ class TestFile:
             else:
                 self.read_ordinary_line(line)
         if self.pending:
-            self.refuse_dangling()
+            self.reject_dangling()
 
     def refuse(self, reason, line_number=None):
         raise Refused(line_number or self.line_number, reason)
 
-    def refuse_dangling(self):
+    def reject_dangling(self):
         is_type = self.pending.name in ("testcase", "testparameter")
         what = "type, extends(...) :: name" if is_type else "subroutine name(...)"
         self.refuse(f"@{self.pending.name} must be followed by a line that is only '{what}' "
@@ -255,7 +255,7 @@ class TestFile:
         if arguments is None:
             self.refuse(f"@assert{name} needs parentheses")
         if self.pending:
-            self.refuse_dangling()
+            self.reject_dangling()
         fewest, most, known, required = ASSERTIONS[name]
         keywords = [re.match(r"(\w+)\s*=(?!=)", argument) for argument in arguments]
         positional = [key is None for key in keywords]
@@ -285,7 +285,7 @@ class TestFile:
             self.pending.disabled = True
             return
         if self.pending:
-            self.refuse_dangling()
+            self.reject_dangling()
         directive = Directive("test" if name == "mpitest" else name, self.line_number)
         for argument in arguments or []:
             match = re.fullmatch(r"(\w+)\s*=\s*(.+)", argument)
@@ -310,7 +310,7 @@ class TestFile:
         directive = self.pending
         match = (TYPE if directive.name in ("testcase", "testparameter") else SUBROUTINE).fullmatch(line)
         if not match:
-            self.refuse_dangling()
+            self.reject_dangling()
         self.pending = None
         if directive.name == "testcase":
             if self.case:

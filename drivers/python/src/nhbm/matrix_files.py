@@ -78,10 +78,10 @@ def _variables(path: Path, names: dict[str, str]) -> dict[str, Any]:
         if h5py.is_hdf5(path):
             with h5py.File(path) as file:
                 known = [name for name in file if not name.startswith("#")]
-                _refuse_unknown(path, names, known)
+                _reject_unknown(path, names, known)
                 return {name: _of_hdf5(file[variable]) for name, variable in names.items()}
         known = [name for name, _, _ in scipy.io.whosmat(path)]
-        _refuse_unknown(path, names, known)
+        _reject_unknown(path, names, known)
         found = read_by_scipy(scipy.io.loadmat, path, variable_names=list(names.values()))
         return {name: found[variable] for name, variable in names.items()}
     except ModelError:
@@ -90,7 +90,7 @@ def _variables(path: Path, names: dict[str, str]) -> dict[str, Any]:
         raise ModelError(f"file '{path}' is no .mat file that can be read: {' '.join(str(error).split())}") from None
 
 
-def _refuse_unknown(path: Path, names: dict[str, str], known: list[str]) -> None:
+def _reject_unknown(path: Path, names: dict[str, str], known: list[str]) -> None:
     for variable in names.values():
         if variable not in known:
             raise ModelError(f"file '{path}' has no variable '{variable}'; it has {', '.join(known) or 'none'}")

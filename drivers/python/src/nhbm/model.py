@@ -21,7 +21,7 @@ from nhbm.keys import check_keys, keys_of
 from nhbm.laws import Law
 from nhbm.paths import identifier, path_of
 from nhbm.peaks import Peaks
-from nhbm.responses import gradient_of, is_pattern, parts_of, refuse_largest, required_response_of, responses_in
+from nhbm.responses import gradient_of, is_pattern, parts_of, reject_largest, required_response_of, responses_in
 from nhbm.rows import Rows
 from nhbm.schema import AMPLITUDES, CENSUS_STARTS, SOLVED
 from nhbm.session import Session
@@ -141,7 +141,7 @@ class Model(Peaks):
         float
             In the unit of the degree of freedom [m or rad]; NaN, with the warning NotConverged, if no motion was found.
         """
-        refuse_largest(of)
+        reject_largest(of)
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         advice.warn_of(advice.on_motion(session))
@@ -184,7 +184,7 @@ class Model(Peaks):
         >>> bool(abs((further - value) / 1e-6 - slopes[0]) < 1e-4 * abs(slopes[0]))
         True
         """
-        refuse_largest(of)
+        reject_largest(of)
         paths = self._paths(by)
         of_one = {} if is_pattern(parts_of(of)[0]) else {"of": of}  # the largest is known behind the solution
         session = self._begin(request(tolerance, order, gradient={"by": paths, **of_one}))
@@ -256,7 +256,7 @@ class Model(Peaks):
             keys["over"] = self._resolved(keys["over"])
         for key in keys_of("curve").values():
             if key.type == "list of texts":  # responses, of all kinds of located points
-                refuse_largest(*responses_in(keys.get(key.name), key.name))
+                reject_largest(*responses_in(keys.get(key.name), key.name))
         settings = request(tolerance, order, curve={"parameter": path, **curve_range(start, stop, keys)})
         cut = self._continue_cut(settings) if on_point is None else None
         parts: list[Rows] = []  # points of an earlier call, and of each part of this one

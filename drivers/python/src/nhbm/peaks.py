@@ -13,7 +13,7 @@ from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError
 from nhbm.groups import curve_range, request
 from nhbm.paths import identifier
-from nhbm.responses import gradient_of, refuse_largest, response_of
+from nhbm.responses import gradient_of, reject_largest, response_of
 from nhbm.schema import SOLVED
 from nhbm.session import Session
 from nhbm.sweeps import Progress
@@ -201,7 +201,7 @@ class Peaks(Description):
                visit: Callable[[Session, float, float], None], progress: Any) -> bool:  # fmt: skip
         """Calls `visit` with the session, the response and the varied value at each point of a curve; whether it reaches the end of
         its range, with a warning if not."""
-        refuse_largest(of)
+        reject_largest(of)
         path = self._resolved(path)
         curve = {"points": 10000, "parameter": path, "peak_of": of, **keys}  # none of which are stored
         groups = {"curve": curve, "stability": {"method": "off"}, **groups}

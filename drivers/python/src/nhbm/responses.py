@@ -151,7 +151,7 @@ def _text_of(of: Any, place: str = "") -> str:
     return of
 
 
-def refuse_largest(*responses: Any) -> None:
+def reject_largest(*responses: Any) -> None:
     """Raises ModelError for a largest displacement where a response of the input is needed."""
     for of in responses:
         if isinstance(of, str) and largest_of(of) is not None:

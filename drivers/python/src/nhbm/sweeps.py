@@ -22,7 +22,7 @@ from nhbm.docstrings import documented
 from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.groups import Group, Settings, request
 from nhbm.paths import identifier, path_of
-from nhbm.responses import absence_of, is_pattern, matches, parts_of, refuse_largest, response_of, words_of
+from nhbm.responses import absence_of, is_pattern, matches, parts_of, reject_largest, response_of, words_of
 from nhbm.rows import Rows
 from nhbm.schema import SOLVED
 from nhbm.values import as_input, plain
@@ -82,7 +82,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     NotConverged, Implausible
         As for `solve`, once for all points.
     """
-    refuse_largest(of)
+    reject_largest(of)
     if not isinstance(values, Mapping):
         raise ModelError(f"the values of a sweep are a dict of lists by path, {{'wall.gap': [1e-3, 2e-3]}}, not {values!r}")
     if isinstance(workers, bool) or not isinstance(workers, (int, np.integer)) or workers < 1:
