@@ -163,7 +163,7 @@ contains
       end if
       call write_fact("dofs", list_of(record%dofs))
       if (size(record%laws) > 0) call write_fact("laws", list_of(record%laws))
-      if (allocated(record%law_doubt)) call write_fact("warning", record%law_doubt)
+      if (allocated(record%law_findings)) call write_fact("warning", record%law_findings)
    end subroutine write_origin
 
    subroutine write_parameters(plan)

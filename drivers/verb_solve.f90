@@ -8,7 +8,7 @@ module verb_solve
    use hb_curve_table, only: find_leaving, leaving_t, note_curve_values
    use hb_error, only: annotate, error_t, fail
    use hb_file_location, only: check_source
-   use hb_idle_laws, only: advise_on_idle_laws
+   use hb_inactive_laws, only: advise_on_inactive_laws
    use hb_kinds, only: wp
    use hb_longer_curves, only: lengthen_curves
    use hb_memory, only: available_memory, retain_freed_memory
@@ -133,12 +133,12 @@ contains
       if (allocated(error)) return
       if (number_answered(summary) + n_ends(study%plan, summary, path) + summary%counts(outcome%unused) < summary%n_points) &
          status = not_all_right
-      if (allocated(summary%law_doubt)) status = not_all_right
+      if (allocated(summary%law_findings)) status = not_all_right
       if (summary%n_left > 0) status = incomplete
       if (present(n_rows)) n_rows = summary%n_points - summary%counts(outcome%unused)
       if (is_reported) call write_summary(summary, study, path)
-      if (rank_of(comm) == 0 .and. .not. is_reported .and. allocated(summary%law_doubt)) &
-         call print_error("warning: "//summary%law_doubt)
+      if (rank_of(comm) == 0 .and. .not. is_reported .and. allocated(summary%law_findings)) &
+         call print_error("warning: "//summary%law_findings)
       if (is_reported .and. options%level >= log_level%verbose) call write_times(summary)
       if (rank_of(comm) == 0 .and. status == incomplete) call print_error(ending_text(summary%interruption)//": "// &
          number_of(summary%n_left, "point")//trim(merge(" is ", " are", summary%n_left == 1))// &
@@ -440,8 +440,8 @@ contains
           .not. (study%model%system%tones%n_tones == 1 .and. &
                  study%model%options%lacks_impacts_of(study%model%system, outcome%impact))) &
          call list%add(advice%no_derivatives, [real(summary%counts(outcome%integrated), wp)])
-      if (allocated(summary%law_doubt)) call say("warning: "//summary%law_doubt)
-      call advise_on_idle_laws(study%model%system, summary%is_idle, list)
+      if (allocated(summary%law_findings)) call say("warning: "//summary%law_findings)
+      call advise_on_inactive_laws(study%model%system, summary%is_inactive, list)
       if (summary%n_near_commensurate > 0) call advise_on_tones(study, summary, list)
       call say_advice("warning: ", list)
       list = advice_list_t()

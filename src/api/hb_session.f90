@@ -15,11 +15,11 @@ module hb_session
    use hb_document, only: document_t, parameter_t
    use hb_error, only: error_t, fail
    use hb_fe_model, only: fe_model_source_t
-   use hb_idle_laws, only: idle_laws_t
+   use hb_inactive_laws, only: inactive_laws_t
    use hb_integration, only: integrate_model, integration_t
    use hb_integration_verdict, only: kind_of_verdict => verdict, verdict_t
    use hb_kinds, only: wp
-   use hb_law_doubt, only: law_doubt_t
+   use hb_law_findings, only: law_findings_t
    use hb_level, only: level_t
    use hb_model, only: model_t
    use hb_model_advice, only: advise_on_combination, advise_on_drive, advise_on_model
@@ -64,7 +64,7 @@ module hb_session
       integer :: n_points = 1                                         !! points that share the time for stability which a run of
                                                                       !! the command has in addition to its points; 0: none
       type(sweep_runner_t) :: sweep
-      logical, private :: has_law_doubt = .false.                     ! the last motion is the one that `source%law_doubt` is of
+      logical, private :: has_law_findings = .false.                  ! `source%law_findings` is of the last motion
       type(neighbour_t), private :: neighbour
       type(curve_plan_t) :: plan                                      !! of the curve
       type(content_t), allocatable, private :: before                 ! of the group whose value the curve moves
@@ -211,9 +211,9 @@ contains
       call self%destroy()
       self%source%model%is_read = .false.
       self%result = motion_result_t()
-      self%source%law_doubt = law_doubt_t()
-      self%has_law_doubt = .false.
-      self%source%idle_laws = idle_laws_t()
+      self%source%law_findings = law_findings_t()
+      self%has_law_findings = .false.
+      self%source%inactive_laws = inactive_laws_t()
       call self%neighbour%forget()
       call forget_integration(self)
       self%structure_number = self%structure_number + 1
@@ -304,22 +304,22 @@ contains
          call advise_on_combination(system%tones, self%source%model%options%error_estimate%commensurability, list)
          if (n_advice(list) == n) call list%add(advice%vanishing_combination)
       end if
-      if (self%has_law_doubt) call append_advice(list, self%source%law_doubt%found)
+      if (self%has_law_findings) call append_advice(list, self%source%law_findings%found)
    end subroutine session_advise_on_motion
 
    !> Names the laws that exert no force on the last motion, or on all motions of the sweep so far.
    subroutine session_advise_on_laws(self, list)
       class(session_t), intent(inout), target :: self
       type(advice_list_t), intent(out) :: list
-      type(idle_laws_t) :: idle
+      type(inactive_laws_t) :: inactive
 
       if (.not. self%source%model%is_read) return
       if (self%sweep%is_begun) then
-         idle = self%source%idle_laws
+         inactive = self%source%inactive_laws
       else
-         call idle%examine(system_of_result(self), self%source%model%discretisation, self%result)
+         call inactive%examine(system_of_result(self), self%source%model%discretisation, self%result)
       end if
-      call idle%advise(self%source%model%system, list)
+      call inactive%advise(self%source%model%system, list)
    end subroutine session_advise_on_laws
 
    !> Solves the model with its present values, from the last motion if requested and available. The status of the
@@ -445,7 +445,7 @@ contains
       call read_sweep_plan(self%source%plan, self%source%document, error)
       if (allocated(error)) return
       call share_time(self, merge(self%source%plan%n_points, 0, self%n_points > 0))
-      self%source%idle_laws = idle_laws_t()
+      self%source%inactive_laws = inactive_laws_t()
       call self%neighbour%forget()
       call self%sweep%begin(self%source, error)
       if (allocated(error)) self%source%model%is_read = .false.
@@ -462,13 +462,13 @@ contains
          call fail(error, "the sweep has no further point")
          return
       end if
-      was_examined = self%source%law_doubt%is_done
+      was_examined = self%source%law_findings%is_done
       call self%cancellation%begin_work()
       call self%cancellation%enter(huge(1.0_wp))
       call self%sweep%next(self%source, self%result)
       call self%cancellation%leave()
       call complete_result(self)
-      self%has_law_doubt = self%source%law_doubt%is_done .and. .not. was_examined
+      self%has_law_findings = self%source%law_findings%is_done .and. .not. was_examined
       self%is_present = .false.                                       ! the values are those of the point
    end subroutine session_sweep_next
 
@@ -651,9 +651,9 @@ contains
 
       if (.not. allocated(self%result%harmonics%tuples)) self%result%harmonics = self%source%model%discretisation%harmonics
       self%is_present = .true.
-      self%has_law_doubt = .not. self%source%law_doubt%is_done
-      call self%source%law_doubt%examine(system_of_result(self), self%source%model%discretisation, self%result)
-      self%has_law_doubt = self%has_law_doubt .and. self%source%law_doubt%is_done
+      self%has_law_findings = .not. self%source%law_findings%is_done
+      call self%source%law_findings%examine(system_of_result(self), self%source%model%discretisation, self%result)
+      self%has_law_findings = self%has_law_findings .and. self%source%law_findings%is_done
    end subroutine complete_result
 
    !> The system of the last motion: at a point of a curve with the numbers that it has there.

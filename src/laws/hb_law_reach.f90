@@ -17,18 +17,18 @@ contains
    end function has_reach
 
    !> Whether the force of a prepared law vanishes along a motion that is multiplied by each of some factors.
-   logical function exerts_no_force(law, z, rates, factors) result(is_idle)
+   logical function exerts_no_force(law, z, rates, factors) result(is_inactive)
       class(law_t), intent(in) :: law                                 !! prepared
       real(wp), intent(in) :: z(:, :), rates(:, :)                    !! (n_samples, n_coordinates); rates if the law needs them
       real(wp), intent(in) :: factors(:)
       real(wp) :: f(size(z, 1), size(z, 2)), p(size(z, 1), merge(size(z, 2), 0, law%is_multiplier))
       integer :: i
 
-      is_idle = .true.
+      is_inactive = .true.
       p = 0.0_wp
       do i = 1, size(factors)
          call law%evaluate(factors(i)*z, factors(i)*rates, p, f)
-         is_idle = is_idle .and. .not. any(abs(f) > 0.0_wp)
+         is_inactive = is_inactive .and. .not. any(abs(f) > 0.0_wp)
       end do
    end function exerts_no_force
 end module hb_law_reach

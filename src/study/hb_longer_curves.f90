@@ -10,7 +10,7 @@ module hb_longer_curves
    use hb_result_columns, only: new_plan, plan_t
    use hb_results_file, only: copied_file_t, make_file
    use hb_results_layout, only: results_layout_t
-   use hb_results_record, only: fail_where_damaged, read_record, record_t, store_law_doubt
+   use hb_results_record, only: fail_where_damaged, read_record, record_t, store_law_findings
    use hb_study, only: describe_layout, study_t
    use hb_text, only: split, string_t, to_text
    implicit none
@@ -53,7 +53,7 @@ contains
       if (.not. allocated(error)) call make_file(path, layout, plan, .true., error, [source])
       call source%file%close(error)
       if (held%descriptor >= 0) call unlock_file(held%descriptor)
-      if (.not. allocated(error)) call store_law_doubt(path, record%law_doubt, error)
+      if (.not. allocated(error)) call store_law_findings(path, record%law_findings, error)
       call annotate(error, "result file '"//path//"'")
    end subroutine lengthen_curves
 

@@ -15,7 +15,7 @@ module hb_merge
    use hb_results, only: open_results, results_t
    use hb_results_file, only: copied_file_t, make_file
    use hb_results_layout, only: results_layout_t
-   use hb_results_record, only: fail_where_damaged, name_of_input, open_points, read_record, record_t, store_law_doubt
+   use hb_results_record, only: fail_where_damaged, name_of_input, open_points, read_record, record_t, store_law_findings
    use hb_study, only: describe_layout, new_study, read_input, study_t
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: add_string, join, lower, string_t, to_text
@@ -87,7 +87,7 @@ contains
          n_harmonics = max(n_harmonics, size(record%tuples, 2))
          n_complete = n_complete + record%n_points - size(open_points(record, .true.))
          n_left = n_left - (record%n_points - size(open_points(record, .false.)))
-         if (allocated(record%law_doubt) .and. .not. allocated(doubt)) doubt = record%law_doubt
+         if (allocated(record%law_findings) .and. .not. allocated(doubt)) doubt = record%law_findings
       end do
       n_left = n_left + study%plan%n_points
       if (n_complete < study%plan%n_points) n_harmonics = size(study%tuples, 2) ! the rest may need them
@@ -101,7 +101,7 @@ contains
          call sources(i)%file%close(error)
       end do
       if (n_left == 0 .and. study%plan%is_ordered() .and. .not. allocated(error)) call renumber(study, path, layout, comm, error)
-      if (.not. allocated(error)) call store_law_doubt(path, doubt, error)
+      if (.not. allocated(error)) call store_law_findings(path, doubt, error)
    end subroutine merge_results
 
    !> Fails unless a file has a part of the sweep: unless its input without the number of its part is that of the whole.

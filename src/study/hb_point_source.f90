@@ -2,9 +2,9 @@
 module hb_point_source
    use hb_cached_parts, only: cached_balances_t
    use hb_document, only: document_t
-   use hb_idle_laws, only: idle_laws_t
+   use hb_inactive_laws, only: inactive_laws_t
    use hb_kinds, only: wp
-   use hb_law_doubt, only: law_doubt_t
+   use hb_law_findings, only: law_findings_t
    use hb_model, only: model_t
    use hb_options, only: callbacks_t, purpose_t
    use hb_results_layout, only: results_layout_t
@@ -24,7 +24,7 @@ module hb_point_source
       real(wp) :: available_memory = huge(1.0_wp)                     !! bytes
       type(cached_balances_t) :: cached                           !! of the point solved last
       integer :: rank = 0                                             !! of this process
-      type(law_doubt_t) :: law_doubt                                  !! at the first motion
-      type(idle_laws_t) :: idle_laws                                  !! in all motions of this process
+      type(law_findings_t) :: law_findings                                  !! at the first motion
+      type(inactive_laws_t) :: inactive_laws                                  !! in all motions of this process
    end type point_source_t
 end module hb_point_source

@@ -22,12 +22,12 @@ module hb_results_record
    private
    public :: advice_of, attempts_of, count_pending, fail_where_damaged, message_of, messages_of, name_of_input, numbers_of
    public :: open_points
-   public :: store_law_doubt
+   public :: store_law_findings
    public :: read_record, read_units, record_t, reject_damaged_rows
 
    type :: record_t
       character(:), allocatable :: title, program_version, git_commit, created_utc
-      character(:), allocatable :: law_doubt            !! what is wrong with user laws, if a run found anything
+      character(:), allocatable :: law_findings            !! what is wrong with user laws, if a run found anything
       integer :: n_ranks = 0                            !! of the run that created the file
       integer :: n_points = 0
       logical :: is_census = .false.                    !! the points are the motions of a census
@@ -262,13 +262,13 @@ contains
       if (allocated(error)) return
       call file%get_attribute("coordinates", coordinates, without_coordinates)
       if (.not. allocated(without_coordinates)) self%is_census = index(coordinates, "census_motion") > 0
-      call file%get_attribute("law_doubt", doubt, without_doubt)
-      if (.not. allocated(without_doubt)) self%law_doubt = doubt
+      call file%get_attribute("law_findings", doubt, without_doubt)
+      if (.not. allocated(without_doubt)) self%law_findings = doubt
    end subroutine read_attributes
 
    !> Stores what is wrong with user laws in a file of results, for runs that continue it; if an earlier run has found anything and
    !> this one has not, the text becomes that one.
-   subroutine store_law_doubt(path, text, error)
+   subroutine store_law_findings(path, text, error)
       character(*), intent(in) :: path                                !! which must be closed
       character(:), allocatable, intent(inout) :: text                !! not allocated: nothing is known to be wrong
       type(error_t), allocatable, intent(out) :: error
@@ -278,15 +278,15 @@ contains
 
       call open_file(file, path, error, for_writing=allocated(text))
       if (allocated(error)) return
-      call file%get_attribute("law_doubt", before, without_doubt)
+      call file%get_attribute("law_findings", before, without_doubt)
       if (allocated(without_doubt)) then
-         if (allocated(text)) call file%set_attribute("law_doubt", text, error)
+         if (allocated(text)) call file%set_attribute("law_findings", text, error)
       else if (.not. allocated(text)) then
          text = before
       end if
       if (allocated(error)) return
       call file%close(error)
-   end subroutine store_law_doubt
+   end subroutine store_law_findings
 
    !> Reads the input and the labels.
    subroutine read_origin(self, file, error)

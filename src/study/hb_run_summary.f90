@@ -37,8 +37,8 @@ module hb_run_summary
       integer :: n_left = 0                                           !! points that the run has not solved
       logical :: was_complete = .false.                               !! the file had no point that was left to solve
       integer :: interruption = interruption%none                     !! the reason
-      character(:), allocatable :: law_doubt                          !! derivatives of user laws that are wrong; on all ranks
-      logical, allocatable :: is_idle(:)                              !! laws without force in all motions of the file
+      character(:), allocatable :: law_findings                          !! derivatives of user laws that are wrong; on all ranks
+      logical, allocatable :: is_inactive(:)                              !! laws without force in all motions of the file
       character(:), allocatable :: made_by                            !! version that wrote the file, if different
       integer :: n_damaged = 0                                        !! points of the file whose results were damaged
       logical :: has_other_libraries = .false.                        !! different from those of the run that created the file

@@ -11,10 +11,10 @@ module hb_sweep
    use hb_clock, only: wall_clock
    use hb_crash_detection, only: begin_point, crash_location_t, detect_crashes, end_crash_detection, end_point
    use hb_error, only: error_t, fail
-   use hb_idle_laws, only: idle_laws_t
+   use hb_inactive_laws, only: inactive_laws_t
    use hb_interruption, only: interruption, new_interruption
    use hb_kinds, only: wp
-   use hb_law_doubt, only: law_doubt_t
+   use hb_law_findings, only: law_findings_t
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_mpi, only: barrier, broadcast_text, comm_t, gather_rows, max_over, new_work_counter, rank_of, &
@@ -27,7 +27,7 @@ module hb_sweep
    use hb_progress, only: log_level, new_progress, progress_t
    use hb_results, only: create_results, open_results, results_t
    use hb_results_layout, only: rank_times_t
-   use hb_results_record, only: count_pending, read_record, record_t, store_law_doubt
+   use hb_results_record, only: count_pending, read_record, record_t, store_law_findings
    use hb_resume, only: choose_units, resumed_file_t, resumed_input_t
    use hb_run_summary, only: count_point, count_retained, has_answer, number_solved, run_summary_t, sum_up
    use hb_schedule, only: cursor_t, new_schedule, schedule_t
@@ -109,7 +109,7 @@ contains
       if (rank_of(comm) == 0 .and. .not. allocated(error)) &
          call complete_file(self, options, run, wall_clock() - started < options%time_limit, summary, error)
       call share_error(comm, error)
-      call broadcast_text(comm, summary%law_doubt)
+      call broadcast_text(comm, summary%law_findings)
       call run%ending%destroy()
       summary%seconds = wall_clock() - started
    end subroutine run_study
@@ -152,7 +152,8 @@ contains
       if (run%before%is_there .and. allocated(self%plan%curve)) call recount(options%path, summary, error)
       if (allocated(error)) return
       if (summary%n_left == 0) call remove_padding(self, options%path, run%progress, has_time)
-      if (run%before%is_there .or. allocated(summary%law_doubt)) call store_law_doubt(options%path, summary%law_doubt, error)
+      if (run%before%is_there .or. allocated(summary%law_findings)) &
+         call store_law_findings(options%path, summary%law_findings, error)
    end subroutine complete_file
 
    !> Prepares a run: the source of points, the points to solve, and the result file.
@@ -280,8 +281,8 @@ contains
       call run%counter%read_tallies(done, failed)
       call run%progress%finish(done, failed)
       call sum_up(summary, comm)
-      call share_law_doubt(run%source%law_doubt, comm, summary)
-      call find_idle_laws(run%source%idle_laws, size(self%model%system%laws), comm, summary)
+      call share_law_findings(run%source%law_findings, comm, summary)
+      call find_inactive_laws(run%source%inactive_laws, size(self%model%system%laws), comm, summary)
       summary%n_points = self%plan%n_points
       summary%n_left = run%schedule%n_points - done - sum_over(comm, run%n_unused)
       summary%interruption = max_over(comm, run%ending%reason)
@@ -292,22 +293,22 @@ contains
    end subroutine run_points
 
    !> What is wrong with user laws, on all ranks: that of the first rank that has found anything.
-   subroutine share_law_doubt(found, comm, summary)
-      type(law_doubt_t), intent(in) :: found                          !! by this rank
+   subroutine share_law_findings(found, comm, summary)
+      type(law_findings_t), intent(in) :: found                          !! by this rank
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(inout) :: summary
       integer :: first
 
       first = -max_over(comm, merge(-rank_of(comm), -size_of(comm), n_advice(found%found) > 0))
       if (first == size_of(comm)) return
-      if (n_advice(found%found) > 0) call describe_advice(found%found, summary%law_doubt)
-      call broadcast_text(comm, summary%law_doubt, root=first)
-   end subroutine share_law_doubt
+      if (n_advice(found%found) > 0) call describe_advice(found%found, summary%law_findings)
+      call broadcast_text(comm, summary%law_findings, root=first)
+   end subroutine share_law_findings
 
    !> Finds the laws that exert no force in any motion of the file; none if it has motions of other runs, or points whose motion
    !> was not found, which laws may have prevented.
-   subroutine find_idle_laws(found, n_laws, comm, summary)
-      type(idle_laws_t), intent(in) :: found                          !! by this rank
+   subroutine find_inactive_laws(found, n_laws, comm, summary)
+      type(inactive_laws_t), intent(in) :: found                          !! by this rank
       integer, intent(in) :: n_laws
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(inout) :: summary
@@ -318,16 +319,16 @@ contains
       n_lost = sum(summary%counts) - number_solved(summary) - &
                sum(summary%counts([outcome%pending, outcome%unused, outcome%collapsed]))
       acts = sum_over(comm, found%n_motions) < number_solved(summary) .or. n_laws > max_laws .or. n_lost > 0
-      if (allocated(found%is_idle)) then
-         if (size(found%is_idle) /= n_laws) acts = .true.
-         if (.not. all(acts)) acts = acts .or. .not. (found%is_idle .and. found%largest > 0.0_wp)
+      if (allocated(found%is_inactive)) then
+         if (size(found%is_inactive) /= n_laws) acts = .true.
+         if (.not. all(acts)) acts = acts .or. .not. (found%is_inactive .and. found%largest > 0.0_wp)
       end if
-      allocate (summary%is_idle(n_laws), source=.false.)
+      allocate (summary%is_inactive(n_laws), source=.false.)
       if (n_laws > max_laws) return
       do i = 1, n_laws
-         summary%is_idle(i) = max_over(comm, merge(1, 0, acts(i))) == 0 .and. number_solved(summary) > 0
+         summary%is_inactive(i) = max_over(comm, merge(1, 0, acts(i))) == 0 .and. number_solved(summary) > 0
       end do
-   end subroutine find_idle_laws
+   end subroutine find_inactive_laws
 
    !> Solves the points of one unit in order, each from its neighbours if the input requests it, and writes them;
    !> returns early if the run must end.
@@ -391,7 +392,7 @@ contains
          summary%counts(curve%stored(point - first + 1)) = summary%counts(curve%stored(point - first + 1)) + 1
          call run%progress%note(.not. has_answer(curve%stored(point - first + 1)), is_report_due)
       end do
-      curve%law_doubt%is_done = run%source%law_doubt%is_done
+      curve%law_findings%is_done = run%source%law_findings%is_done
       do while (point <= last .and. .not. curve%is_done)
          if (run%ending%is_due()) exit
          if (any(run%before%crashed == point)) then
@@ -420,8 +421,8 @@ contains
             call store_point(self, run, point, result, group, summary, error)
          end do
       end if
-      if (.not. run%source%law_doubt%is_done) run%source%law_doubt = curve%law_doubt
-      call run%source%idle_laws%add(curve%idle_laws)
+      if (.not. run%source%law_findings%is_done) run%source%law_findings = curve%law_findings
+      call run%source%inactive_laws%add(curve%inactive_laws)
       call curve%destroy()
    end subroutine run_curve
 

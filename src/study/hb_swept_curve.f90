@@ -6,9 +6,9 @@ module hb_swept_curve
    use hb_curve_runner, only: curve_runner_t
    use hb_document, only: document_t
    use hb_error, only: error_t
-   use hb_idle_laws, only: idle_laws_t
+   use hb_inactive_laws, only: inactive_laws_t
    use hb_kinds, only: wp
-   use hb_law_doubt, only: law_doubt_t
+   use hb_law_findings, only: law_findings_t
    use hb_model_reader, only: update_model
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_outcome, only: is_solved, outcome
@@ -27,8 +27,8 @@ module hb_swept_curve
    type :: swept_curve_t
       integer, allocatable :: stored(:) !! statuses of the points in the file after which it continues
       logical :: is_done = .false.                                    !! there is no further point
-      type(law_doubt_t) :: law_doubt                                  !! at the first point
-      type(idle_laws_t) :: idle_laws                                  !! in all points
+      type(law_findings_t) :: law_findings                                  !! at the first point
+      type(inactive_laws_t) :: inactive_laws                                  !! in all points
       type(curve_runner_t), private :: runner
    contains
       procedure :: next => swept_curve_next
@@ -108,8 +108,8 @@ contains
       associate (model => self%runner%model)
          if (.not. allocated(error)) then
             system => self%runner%system_at(result)
-            call self%law_doubt%examine(system, model%discretisation, result)
-            call self%idle_laws%examine(system, model%discretisation, result)
+            call self%law_findings%examine(system, model%discretisation, result)
+            call self%inactive_laws%examine(system, model%discretisation, result)
             if (.not. layout%has_own_tuples) call spread_result(model%discretisation%harmonics, layout, result)
          end if
       end associate

@@ -53,8 +53,8 @@ contains
          call run_model(source%model, value, neighbour, source%cached, result, level, error)
       end if
       if (.not. allocated(error)) then
-         call source%law_doubt%examine(source%model%system, source%model%discretisation, result)
-         call source%idle_laws%examine(source%model%system, source%model%discretisation, result)
+         call source%law_findings%examine(source%model%system, source%model%discretisation, result)
+         call source%inactive_laws%examine(source%model%system, source%model%discretisation, result)
          if (allocated(source%layout%tuples) .and. .not. source%layout%has_own_tuples) &
             call spread_result(source%model%discretisation%harmonics, source%layout, result)
       end if

@@ -373,7 +373,7 @@ def test_each_advice_has_a_name_and_a_subject():
     session = model._ready({"harmonics": {"order": 1}})
     assert session.advice("model") == []
     session.solve(False)
-    assert [(one.name, one.subject) for one in session.advice("laws")] == [("idle_law", "stop")]
+    assert [(one.name, one.subject) for one in session.advice("laws")] == [("inactive_law", "stop")]
     assert session.describe_advice("returned_curve", [2.9, 3.5]).startswith("the curve returned to 2.9 without reaching 3.5")
 
 

@@ -76,9 +76,9 @@ def warn_of_signs(laws: Iterable[Group], known: set[str]) -> None:
             warn(on("pushes_away", law.__name__, str(group.keys["dof"])).text, Implausible)
 
 
-def warn_of_idle_laws(idle: Iterable[Advice]) -> None:
+def warn_of_inactive_laws(inactive: Iterable[Advice]) -> None:
     """Warns of laws that exert no force on any motion of an operation."""
-    for one in idle:
+    for one in inactive:
         warn(one.text, Implausible)
 
 

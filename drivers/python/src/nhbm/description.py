@@ -720,4 +720,4 @@ class CutCurve(NamedTuple):
     serial: int
     rows: Rows
     doubtful: list[tuple[str, list[advice.Advice]]]
-    idle: list[advice.Advice] | None
+    inactive: list[advice.Advice] | None

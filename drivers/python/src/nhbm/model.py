@@ -120,7 +120,7 @@ class Model(Peaks):
         motion = dataset.motion_of(rows, self._source(session, rows, is_written_later=True), self._attributes())
         self._solved = motion
         advice.warn_of(advice.on_motion(session))
-        advice.warn_of_idle_laws(session.advice("laws"))
+        advice.warn_of_inactive_laws(session.advice("laws"))
         return motion
 
     @exclusive
@@ -145,7 +145,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order))
         session.solve(warm, points=0)
         advice.warn_of(advice.on_motion(session))
-        self._warn_of_idle_laws(session)
+        self._warn_of_inactive_laws(session)
         return required_response_of(session, of) if session.status in SOLVED else float("nan")
 
     @exclusive
@@ -190,7 +190,7 @@ class Model(Peaks):
         session = self._begin(request(tolerance, order, gradient={"by": paths, **of_one}))
         session.solve(warm, points=0)
         advice.warn_of(advice.on_motion(session))
-        self._warn_of_idle_laws(session)
+        self._warn_of_inactive_laws(session)
         if session.status not in SOLVED:
             return Gradient(float("nan"), np.full(len(paths), np.nan))
         value = required_response_of(session, of)
@@ -201,11 +201,11 @@ class Model(Peaks):
             advice.warn(advice.on("no_derivatives_of_motion", session.message or "it is not differentiable").text)
         return Gradient(value, slopes)
 
-    def _warn_of_idle_laws(self, session: Session) -> None:
+    def _warn_of_inactive_laws(self, session: Session) -> None:
         """Warns of laws that exert no force on a motion, once each: a loop may pass through such motions."""
-        idle = [] if self._is_trial else [law for law in session.advice("laws") if law.text not in self._warned]
-        self._warned.update(law.text for law in idle)
-        advice.warn_of_idle_laws(idle)
+        inactive = [] if self._is_trial else [law for law in session.advice("laws") if law.text not in self._warned]
+        self._warned.update(law.text for law in inactive)
+        advice.warn_of_inactive_laws(inactive)
 
     @exclusive
     @documented
@@ -261,13 +261,13 @@ class Model(Peaks):
         cut = self._continue_cut(settings) if on_point is None else None
         parts: list[Rows] = []  # points of an earlier call, and of each part of this one
         doubtful: list[tuple[str, list[advice.Advice]]] = []
-        has_warned, is_stopped, idle = False, False, None  # laws without force on all points
+        has_warned, is_stopped, inactive = False, False, None  # laws without force on all points
         full: list[int] = []  # numbers of points at which there was no room for more
         if cut is None:
             session = self._begin(settings)
             session.begin_curve()
         else:
-            session, parts, doubtful, idle = self._ready(settings), [cut.rows], cut.doubtful, cut.idle
+            session, parts, doubtful, inactive = self._ready(settings), [cut.rows], cut.doubtful, cut.inactive
         session.clear_rows()
         with Progress(progress, "curve") as bar:
             for _ in range(sum(map(len, parts))):
@@ -276,8 +276,8 @@ class Model(Peaks):
                 session.add_row()
                 status, found_here = session.status, advice.on_motion(session)
                 doubtful += [(status, found_here)] if found_here else []
-                if status in SOLVED and (idle is None or idle):
-                    idle = [law for law in session.advice("laws") if idle is None or law in idle]
+                if status in SOLVED and (inactive is None or inactive):
+                    inactive = [law for law in session.advice("laws") if inactive is None or law in inactive]
                 bar.update()
                 if on_point is None:
                     continue
@@ -298,14 +298,14 @@ class Model(Peaks):
             values = rows.values.get(identifier(path), np.zeros(0))
             has_warned = advice.warn_of_end(session, path, values[np.isfinite(values)].tolist(), stop - start)
             if has_warned and session.reason == "points":
-                self._cut = CutCurve(settings, session.serial, rows, [*doubtful], idle)
+                self._cut = CutCurve(settings, session.serial, rows, [*doubtful], inactive)
         source = self._source(session, rows)
         source.is_complete = not is_stopped
         found = self._on_curve(rows, path, source)
         if doubtful and (doubtful[-1][0] in ("collapsed", "locked") or (has_warned and doubtful[-1][0] not in SOLVED)):
             doubtful.pop()  # the end of the curve, where the motion vanishes or that was reported
         advice.warn_of_points(doubtful, len(rows))
-        advice.warn_of_idle_laws(idle or [])
+        advice.warn_of_inactive_laws(inactive or [])
         if not (is_stopped or has_warned or "over" in keys):
             ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
             advice.warn_of_return(ends, start, stop, keys.get("first", start))

@@ -134,9 +134,9 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     with Progress(progress, "sweep", len(points)) as bar:
         done = list(_spread(work, pieces, workers, executor, comm, bar))
     doubtful = [doubt for part in done for doubt in part.doubtful]
-    idle = set.intersection(*([part.idle for part in done if part.idle is not None] or [set()]))
+    inactive = set.intersection(*([part.inactive for part in done if part.inactive is not None] or [set()]))
     if any(status not in SOLVED for status, _ in doubtful):  # a motion that was not found may have been prevented by a law
-        idle = set()
+        inactive = set()
     if of is None:
         rows = Rows.joined([part.rows for part in done])
         chains.session.number_branches(rows)
@@ -147,7 +147,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     if isinstance(of, str):
         found["response"].attrs.update(long_name=words_of(of), units=_unit_of(chains.session, of))
     advice.warn_of_points(doubtful, len(points))
-    advice.warn_of_idle_laws(sorted(idle))
+    advice.warn_of_inactive_laws(sorted(inactive))
     if of is None:
         advice.warn_of_jumps(chains.session, rows.values["branch"].tolist(), length, lambda k: _place_of(grid, points[k]), rows.messages)
     return found
@@ -186,7 +186,7 @@ class _Part(NamedTuple):
 
     rows: Any  # Rows of motions, or a list of mappings of numbers
     doubtful: list[tuple[str, list[advice.Advice]]]  # status, and what is doubtful
-    idle: set[advice.Advice] | None  # laws without force on all motions
+    inactive: set[advice.Advice] | None  # laws without force on all motions
 
 
 class _Work:
@@ -265,7 +265,7 @@ class _Chains(_Work):
             is_found = is_found or status in SOLVED
             update()
         rows = session.rows() if self.of is None else part.rows
-        return part._replace(rows=rows, idle=set(session.advice("laws")) if is_found else None)
+        return part._replace(rows=rows, inactive=set(session.advice("laws")) if is_found else None)
 
 
 def _values_of(line: list[Any]) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 !> Whether the derivatives of user laws are those of their forces, and laws that are declared odd are odd: compared at the first
 !> motion of a run. Newton's method converges to the right motion with wrong derivatives, but stability, curves and derivatives are
 !> then wrong; motions under a law that is wrongly declared odd lack their even harmonics.
-module hb_law_doubt
+module hb_law_findings
    use hb_advice, only: advice, advice_list_t
    use hb_discretisation, only: discretisation_t
    use hb_kinds, only: wp
@@ -14,23 +14,23 @@ module hb_law_doubt
    use hb_text, only: join
    implicit none
    private
-   public :: law_doubt_t
+   public :: law_findings_t
 
    integer, parameter :: n_samples = 64
 
    !> The comparison of a run, made once.
-   type :: law_doubt_t
+   type :: law_findings_t
       logical :: is_done = .false.
       type(advice_list_t) :: found                                    !! what is wrong
    contains
-      procedure :: examine => law_doubt_examine
-   end type law_doubt_t
+      procedure :: examine => law_findings_examine
+   end type law_findings_t
 
 contains
 
    !> Compares the derivatives of all user laws along a motion, unless this was done before or there is no motion.
-   subroutine law_doubt_examine(self, system, discretisation, motion)
-      class(law_doubt_t), intent(inout) :: self
+   subroutine law_findings_examine(self, system, discretisation, motion)
+      class(law_findings_t), intent(inout) :: self
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
@@ -60,7 +60,7 @@ contains
             if (check%is_wrongly_odd) call self%found%add(advice%wrongly_odd, a=law%label)
          end associate
       end do
-   end subroutine law_doubt_examine
+   end subroutine law_findings_examine
 
    !> Whether the derivatives of a law come from the user, and depend on the motion at the same instant alone.
    pure logical function is_compared(law)
@@ -68,4 +68,4 @@ contains
 
       is_compared = law%is_users_own .and. law%n_states == 0 .and. .not. law%is_multiplier
    end function is_compared
-end module hb_law_doubt
+end module hb_law_findings

@@ -1,5 +1,5 @@
 !> Laws that exert no force on any of some motions, such as a stop that is never touched: often a length in the wrong unit.
-module hb_idle_laws
+module hb_inactive_laws
    use hb_advice, only: advice, advice_list_t, has_advice
    use hb_coordinates, only: position_in
    use hb_discretisation, only: discretisation_t
@@ -16,7 +16,7 @@ module hb_idle_laws
    use hb_thresholds, only: faint
    implicit none
    private
-   public :: advise_on_idle_laws, idle_laws_t
+   public :: advise_on_inactive_laws, inactive_laws_t
 
    character(*), parameter :: units(2) = [character(5) :: "rad/s", "Hz"]
    integer, parameter :: n_digits = 3                                 ! of a frequency
@@ -29,21 +29,21 @@ module hb_idle_laws
                                                                       ! switched off, as by a stiffness of zero
 
    !> What is known from the motions examined so far.
-   type :: idle_laws_t
+   type :: inactive_laws_t
       integer :: n_motions = 0
-      logical, allocatable :: is_idle(:)                              !! of each law: no force on any of these motions
+      logical, allocatable :: is_inactive(:)                              !! of each law: no force on any of these motions
       real(wp), allocatable :: largest(:)                             !! of these motions at its coordinates [m]
    contains
-      procedure :: examine => idle_laws_examine
-      procedure :: add => idle_laws_add
-      procedure :: advise => idle_laws_advise
-   end type idle_laws_t
+      procedure :: examine => inactive_laws_examine
+      procedure :: add => inactive_laws_add
+      procedure :: advise => inactive_laws_advise
+   end type inactive_laws_t
 
 contains
 
    !> Examines a motion, if there is one.
-   subroutine idle_laws_examine(self, system, discretisation, motion)
-      class(idle_laws_t), intent(inout) :: self
+   subroutine inactive_laws_examine(self, system, discretisation, motion)
+      class(inactive_laws_t), intent(inout) :: self
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(motion_result_t), intent(in) :: motion
@@ -53,33 +53,33 @@ contains
       integer :: i, k
 
       if (.not. is_solved(motion%status)) return
-      if (allocated(self%is_idle)) then
-         if (size(self%is_idle) /= size(system%laws)) deallocate (self%is_idle, self%largest)
+      if (allocated(self%is_inactive)) then
+         if (size(self%is_inactive) /= size(system%laws)) deallocate (self%is_inactive, self%largest)
       end if
-      if (.not. allocated(self%is_idle)) then
+      if (.not. allocated(self%is_inactive)) then
          self%n_motions = 0
-         self%is_idle = [(has_length_and_reach(system%laws(i)%law), i=1, size(system%laws))]
+         self%is_inactive = [(has_length_and_reach(system%laws(i)%law), i=1, size(system%laws))]
          allocate (self%largest(size(system%laws)), source=0.0_wp)
       end if
       self%n_motions = self%n_motions + 1
       dofs = system%dofs_of_unknowns()
       if (motion%status == outcome%integrated) then
          do i = 1, size(system%laws)
-            if (has_stored_force(system, motion, dofs, system%laws(i)%law)) self%is_idle(i) = .false.
-            if (system%laws(i)%law%is_multiplier) self%is_idle(i) = .false. ! impacts
+            if (has_stored_force(system, motion, dofs, system%laws(i)%law)) self%is_inactive(i) = .false.
+            if (system%laws(i)%law%is_multiplier) self%is_inactive(i) = .false. ! impacts
          end do
       end if
       do k = 1, size(n_samples)
-         if (.not. any(self%is_idle)) return
-         columns = columns_of(pack([(i, i=1, size(system%laws))], self%is_idle))
+         if (.not. any(self%is_inactive)) return
+         columns = columns_of(pack([(i, i=1, size(system%laws))], self%is_inactive))
          call sample_motion(discretisation, motion, n_samples(k), phases, q, v, columns)
          if (.not. allocated(q)) then
-            self%is_idle = .false.
+            self%is_inactive = .false.
             return
          end if
          do i = 1, size(system%laws)
-            if (.not. self%is_idle(i)) cycle
-            call find_force(system%laws(i)%law, dofs(columns), q, v, self%is_idle(i), largest)
+            if (.not. self%is_inactive(i)) cycle
+            call find_force(system%laws(i)%law, dofs(columns), q, v, self%is_inactive(i), largest)
             if (k == size(n_samples)) self%largest(i) = max(self%largest(i), largest)
          end do
       end do
@@ -102,57 +102,58 @@ contains
          end do
          columns = pack([(k, k=1, size(dofs))], is_needed(dofs))
       end function columns_of
-   end subroutine idle_laws_examine
+   end subroutine inactive_laws_examine
 
    !> Adds what is known from other motions.
-   subroutine idle_laws_add(self, other)
-      class(idle_laws_t), intent(inout) :: self
-      type(idle_laws_t), intent(in) :: other
+   subroutine inactive_laws_add(self, other)
+      class(inactive_laws_t), intent(inout) :: self
+      type(inactive_laws_t), intent(in) :: other
 
-      if (.not. allocated(other%is_idle)) return
-      if (allocated(self%is_idle)) then
-         if (size(self%is_idle) /= size(other%is_idle)) deallocate (self%is_idle, self%largest)
+      if (.not. allocated(other%is_inactive)) return
+      if (allocated(self%is_inactive)) then
+         if (size(self%is_inactive) /= size(other%is_inactive)) deallocate (self%is_inactive, self%largest)
       end if
-      if (.not. allocated(self%is_idle)) then
+      if (.not. allocated(self%is_inactive)) then
          self%n_motions = other%n_motions
-         self%is_idle = other%is_idle
+         self%is_inactive = other%is_inactive
          self%largest = other%largest
          return
       end if
       self%n_motions = self%n_motions + other%n_motions
-      self%is_idle = self%is_idle .and. other%is_idle
+      self%is_inactive = self%is_inactive .and. other%is_inactive
       self%largest = max(self%largest, other%largest)
-   end subroutine idle_laws_add
+   end subroutine inactive_laws_add
 
-   !> Names the idle laws. Laws at degrees of freedom at rest are not named.
-   subroutine idle_laws_advise(self, system, list)
-      class(idle_laws_t), intent(in) :: self
+   !> Names the inactive laws. Laws at degrees of freedom at rest are not named.
+   subroutine inactive_laws_advise(self, system, list)
+      class(inactive_laws_t), intent(in) :: self
       type(system_t), intent(in) :: system
       type(advice_list_t), intent(inout) :: list
 
-      if (.not. allocated(self%is_idle) .or. self%n_motions == 0) return
-      if (size(self%is_idle) == size(system%laws)) call advise_on_idle_laws(system, self%is_idle .and. self%largest > 0.0_wp, list)
-   end subroutine idle_laws_advise
+      if (.not. allocated(self%is_inactive) .or. self%n_motions == 0) return
+      if (size(self%is_inactive) == size(system%laws)) &
+         call advise_on_inactive_laws(system, self%is_inactive .and. self%largest > 0.0_wp, list)
+   end subroutine inactive_laws_advise
 
-   !> Names idle laws, and why each exerts no force.
-   subroutine advise_on_idle_laws(system, is_idle, list)
+   !> Names inactive laws, and why each exerts no force.
+   subroutine advise_on_inactive_laws(system, is_inactive, list)
       type(system_t), intent(in) :: system
-      logical, intent(in) :: is_idle(:)                               !! of each law
+      logical, intent(in) :: is_inactive(:)                               !! of each law
       type(advice_list_t), intent(inout) :: list
       integer :: i
 
       do i = 1, size(system%laws)
-         if (.not. is_idle(i)) cycle
+         if (.not. is_inactive(i)) cycle
          associate (law => system%laws(i)%law)
-            if (is_at_free_body(system, is_idle, law)) then
-               call list%add(advice%idle_law_at_free_body, a=law%label)
+            if (is_at_free_body(system, is_inactive, law)) then
+               call list%add(advice%inactive_law_at_free_body, a=law%label)
             else
-               call list%add(advice%idle_law, a=law%label)
+               call list%add(advice%inactive_law, a=law%label)
                if (.not. has_advice(list, advice%tone_in_other_unit)) call advise_on_unit(system, list)
             end if
          end associate
       end do
-   end subroutine advise_on_idle_laws
+   end subroutine advise_on_inactive_laws
 
    !> Names a tone that is far from all natural frequencies, but near one if it is read in the other unit.
    subroutine advise_on_unit(system, list)
@@ -190,9 +191,9 @@ contains
    end subroutine advise_on_unit
 
    !> Whether a law acts on a body that nothing else holds: neither the structure nor a law that exerts a force.
-   logical function is_at_free_body(system, is_idle, law)
+   logical function is_at_free_body(system, is_inactive, law)
       type(system_t), intent(in) :: system
-      logical, intent(in) :: is_idle(:)                               !! of each law
+      logical, intent(in) :: is_inactive(:)                               !! of each law
       class(law_t), intent(in) :: law
       type(law_box_t), allocatable :: active(:)
       real(wp), allocatable :: free(:, :)
@@ -202,10 +203,10 @@ contains
 
       is_at_free_body = .false.
       if (system%structure%n_dofs > largest_examined) return
-      allocate (active(count(.not. is_idle)))
+      allocate (active(count(.not. is_inactive)))
       k = 0
       do i = 1, size(system%laws)
-         if (is_idle(i)) cycle
+         if (is_inactive(i)) cycle
          k = k + 1
          allocate (active(k)%law, source=system%laws(i)%law)
       end do
@@ -248,11 +249,11 @@ contains
 
    !> Whether the force of a law vanishes along a motion, but not along a much larger one, and the largest displacement at its
    !> coordinates.
-   subroutine find_force(given, dofs, q, v, is_idle, largest)
+   subroutine find_force(given, dofs, q, v, is_inactive, largest)
       class(law_t), intent(in) :: given
       integer, intent(in) :: dofs(:)                                  !! of the columns of q and v
       real(wp), intent(in) :: q(:, :), v(:, :)
-      logical, intent(out) :: is_idle
+      logical, intent(out) :: is_inactive
       real(wp), intent(out) :: largest                                !! [m]
       class(law_t), allocatable :: law
       real(wp), allocatable :: f(:, :), p(:, :), rates(:, :), z(:, :)
@@ -270,25 +271,25 @@ contains
       n = size(law%shape, 2)
       allocate (f(size(q, 1), n))
       allocate (p(size(q, 1), merge(n, 0, law%is_multiplier)), source=0.0_wp)
-      is_idle = .true.
+      is_inactive = .true.
       has_force = .false.
       largest = 0.0_wp
       do place = 1, size(places, 2)
          at = [(position_in(dofs, places(k, place)), k=1, size(places, 1))]
-         if (any(at == 0)) is_idle = .false.
-         if (.not. is_idle) return
+         if (any(at == 0)) is_inactive = .false.
+         if (.not. is_inactive) return
          z = matmul(q(:, at), law%shape)
          rates = matmul(v(:, at), law%shape)
          if (.not. law%needs_velocity) rates = rates(:, :0)
          largest = max(largest, maxval(abs(z)))
-         is_idle = is_idle .and. exerts_no_force(law, z, rates, factors)
-         if (.not. (is_idle .and. maxval(abs(z)) > 0.0_wp)) cycle
+         is_inactive = is_inactive .and. exerts_no_force(law, z, rates, factors)
+         if (.not. (is_inactive .and. maxval(abs(z)) > 0.0_wp)) cycle
          reach = reach_in_lengths*law%length_scale/maxval(abs(z))
          do i = -1, 1, 2
             call law%evaluate(i*reach*z, i*reach*rates, p, f)
             has_force = has_force .or. any(abs(f) > 0.0_wp)
          end do
       end do
-      if (largest > 0.0_wp) is_idle = is_idle .and. has_force
+      if (largest > 0.0_wp) is_inactive = is_inactive .and. has_force
    end subroutine find_force
-end module hb_idle_laws
+end module hb_inactive_laws
