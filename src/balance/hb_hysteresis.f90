@@ -234,7 +234,7 @@ contains
       end associate
    end subroutine hysteresis_find_line
 
-   !> Number of blocks of at most hb_hysteresis_tangent%width harmonics of the response.
+   !> Number of blocks of at most hb_hysteresis_tangent%block_width harmonics of the response.
    pure integer function hysteresis_n_blocks(self)
       class(hysteresis_t), intent(in) :: self
 

@@ -3,6 +3,7 @@
 !> describe the same motions. The tuples of contact under several tones lie along a slow combination, a diagonal of their box;
 !> where A turns it into an axis, the box, and the grid with it, is several times smaller.
 module hb_base_change
+   use hb_assert, only: assert, asserts_are_on
    use hb_characteristic, only: samples_along_time
    use hb_error, only: error_t
    use hb_error_estimate, only: near_commensurate
@@ -122,6 +123,7 @@ contains
       real(wp), allocatable, intent(out) :: omega(:)                  !! [rad/s]
       integer :: m
 
+      if (asserts_are_on) call assert(size(given) == size(self%inverse, 1), "make_positive", "a frequency for each tone")
       allocate (omega, source=[(dot_product(given, self%inverse(:, m)), m=1, size(given))])
       do m = 1, size(omega)
          if (omega(m) >= 0.0_wp) cycle

@@ -7,7 +7,7 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_condensation, only: condensed_half_bandwidth
    use hb_contact_flexibility, only: pays_to_factorise
    use hb_coordinates, only: coordinates_t
-   use hb_hysteresis_tangent, only: width
+   use hb_hysteresis_tangent, only: block_width
    use hb_hysteretic_law, only: n_path_parts
    use hb_kinds, only: complex_bytes, real_bytes
    use hb_law, only: law_box_t
@@ -294,7 +294,7 @@ contains
          n = law%n_states
          if (law%n_states > 0) then
             self%per_sample = self%per_sample + (n_path_parts*c + n)*(n + 1) + c
-            self%answers_per_sample = self%answers_per_sample + c*c + c*n + 4*width*c
+            self%answers_per_sample = self%answers_per_sample + c*c + c*n + 4*block_width*c
             self%states = self%states + c*n
             return
          end if

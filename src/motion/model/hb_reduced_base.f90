@@ -1,5 +1,6 @@
 !> Base frequencies in which the box around a set of tuples is small: which models permit them, and their matrix.
 module hb_reduced_base
+   use hb_assert, only: assert, asserts_are_on
    use hb_kinds, only: wp
    use hb_options, only: options_t
    use hb_system, only: system_t
@@ -20,6 +21,7 @@ contains
       integer, intent(in) :: n_samples(:)                             !! in the given base, (n_tones)
       integer, allocatable :: matrix(:, :), inverse(:, :)
 
+      if (asserts_are_on) call assert(size(n_samples) == size(tuples, 1), "grid_share", "samples of each tone")
       share = 1.0_wp
       if (product(real(n_samples, wp)) < smallest_grid) return
       if (.not. may_change_base(system, options)) return

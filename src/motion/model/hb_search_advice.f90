@@ -140,7 +140,8 @@ contains
       stiffness = maxval(abs(df_dz))
    end function stiffness_of
 
-   !> Adds what may help, beside the limit that ended the search (`limit_of`). The first value of an advice on a law is its number, with which a file stores it.
+   !> Adds what may help, beside the limit that ended the search (`limit_of`). The first value of an advice on a law is its number,
+   !> with which a file stores it.
    subroutine advise_on_search(system, report, circumstances, list)
       type(system_t), intent(in) :: system
       type(report_t), intent(in) :: report

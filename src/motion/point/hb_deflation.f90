@@ -4,6 +4,7 @@
 !> step is the usual one multiplied by a factor, which may be negative. Source: P. E. Farrell, A. Birkisson and S. W.
 !> Funke, SIAM J. Sci. Comput. 37 (2015) A2026-A2045.
 module hb_deflation
+   use hb_assert, only: assert, asserts_are_on
    use hb_harmonics, only: harmonics_t
    use hb_iteration_end, only: end_at_point
    use hb_kinds, only: wp
@@ -26,6 +27,7 @@ contains
       real(wp), intent(in) :: x_scale(:)                              !! of unknowns of the balance
       real(wp), intent(in) :: share
 
+      if (asserts_are_on) call assert(size(known, 1) == size(x), "is_other", "motions of the same unknowns")
       is_other = is_apart(x, known, scale_of(known, harmonics, [x_scale, spread(1.0_wp, 1, size(x) - size(x_scale))]), &
                           max(faint, share))
    end function is_other
@@ -70,6 +72,8 @@ contains
       real(wp), intent(in) :: phases(:)                               !! [rad], (n_tones)
       real(wp) :: y(size(x))
 
+      if (asserts_are_on) call assert(size(phases) == harmonics%n_tones .and. modulo(size(x), harmonics%n_coefficients) == 0, &
+                                      "shifted", "a phase for each tone, coefficients of the set")
       associate (n => harmonics%n_coefficients, angles => matmul(phases, real(harmonics%tuples, wp)))
          y = reshape(harmonics%times(exp(cmplx(0.0_wp, angles, wp)), reshape(x, [n, size(x)/n])), [size(x)])
       end associate
@@ -89,6 +93,8 @@ contains
       integer :: i
       logical :: is_singular
 
+      if (asserts_are_on) call assert(size(x) == problem%n_unknowns .and. all([size(known, 1), size(scale)] == size(x)), &
+                                      "follow_deflated", "motions of the unknowns")
       is_found = .false.
       size_of_known = maxval([(norm2(known(:, i)/scale), i=1, size(known, 2))])
       do
