@@ -162,8 +162,8 @@ contains
 
       call messages_of(path, points, messages)
       call advice_of(path, points, advice)
-      reasons = numbers_of(path, "reason")
-      n_periods = numbers_of(path, "n_periods")
+      allocate (reasons, source=numbers_of(path, "reason"))
+      allocate (n_periods, source=numbers_of(path, "n_periods"))
       do i = 1, size(points)
          failures(i)%status = status
          failures(i)%first = points(i)
