@@ -149,7 +149,7 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
     advice.warn_of_points(doubtful, len(points))
     advice.warn_of_inactive_laws(sorted(inactive))
     if of is None:
-        advice.warn_of_jumps(chains.session, rows.values["branch"].tolist(), length, lambda k: _place_of(grid, points[k]), rows.messages)
+        advice.warn_of_jumps(rows.values["branch"].tolist(), length, lambda k: _place_of(grid, points[k]), rows.messages)
     return found
 
 
