@@ -15,7 +15,7 @@ module run_texts
    use hb_signals, only: signal_caught, signal_name
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: add_string, number_of, string_t, to_text
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: equality_tolerance
    use hb_tones, only: tones_t
    implicit none
    private
@@ -352,7 +352,7 @@ contains
       integer :: i
 
       allocate (rows(0))
-      associate (near => agreement*abs(request%to - request%from))
+      associate (near => equality_tolerance*abs(request%to - request%from))
          do i = 0, size(kind) - n_rows, n_rows
             associate (start => values(i + 1), ends => pack(values(i + 1:i + n_rows), kind(i + 1:i + n_rows) == curve_kind%end))
                if (min(abs(start - request%from), abs(start - request%to)) > near) cycle

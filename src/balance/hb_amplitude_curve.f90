@@ -11,7 +11,7 @@ module hb_amplitude_curve
    use hb_outcome, only: outcome
    use hb_phase, only: new_phase_problem, phase_problem_t, shift_functional
    use hb_text, only: to_text
-   use hb_thresholds, only: faint, max_bisections, rounding
+   use hb_thresholds, only: max_bisections, negligible_share, rounding_level
    implicit none
    private
    public :: begin_curve, follow_curve, point_of, step_along, update_scales
@@ -41,8 +41,8 @@ contains
       call self%begin(self%length*first_amplitude, point, is_on_curve)
       if (.not. is_on_curve) return
       damping = self%damping(point)
-      self%is_neutral = abs(damping(1)) <= rounding
-      self%is_driven = damping(1) < -rounding
+      self%is_neutral = abs(damping(1)) <= rounding_level
+      self%is_driven = damping(1) < -rounding_level
       self%reached = point%amplitude(1)
       call begin_curve(self, point, curve)
       do i = 1, max_steps
@@ -52,8 +52,8 @@ contains
          if (sum((point%u - self%base%u)*(last%u - self%base%u)) < 0.0_wp) exit   ! through the base motion: another mode ends here
          damping_before = damping
          damping = self%damping(point)
-         self%is_neutral = self%is_neutral .and. abs(damping(1)) <= rounding
-         self%is_driven = self%is_driven .or. damping(1) < -rounding
+         self%is_neutral = self%is_neutral .and. abs(damping(1)) <= rounding_level
+         self%is_driven = self%is_driven .or. damping(1) < -rounding_level
          self%reached = max(self%reached, point%amplitude(1))
          if (damping(1)*damping_before(1) <= 0.0_wp .and. .not. self%is_neutral) call find_motion_on_step()
          if (is_found) exit
@@ -102,7 +102,7 @@ contains
       if (is_whole) then
          if (.not. self%is_driven) return
          self%message = "self-excited up to an amplitude of "//to_text(self%reached)
-         self%runs_away = damping < -rounding .and. point%amplitude(1) > last_amplitude*self%length
+         self%runs_away = damping < -rounding_level .and. point%amplitude(1) > last_amplitude*self%length
          if (self%runs_away) then
             self%message = self%message//": the motion grows without bound"
          else
@@ -132,7 +132,7 @@ contains
          next = point_of(self, curve%x)
          associate (set => self%balance%harmonics, ratio => next%omega(1)/point%omega(1))
             if (max(ratio, 1.0_wp/ratio) <= largest_ratio .and. next%amplitude(1) > 0.0_wp .and. &
-                norm2(next%u([set%cos_at(h), set%sin_at(h)], :)) >= faint*norm2(next%u - self%base%u)) exit
+                norm2(next%u([set%cos_at(h), set%sin_at(h)], :)) >= negligible_share*norm2(next%u - self%base%u)) exit
          end associate
          call curve%retreat()
       end do

@@ -8,7 +8,7 @@ submodule (hb_balance) hb_balance_coarse
    use hb_harmonics, only: new_harmonics
    use hb_outcome, only: outcome
    use hb_solver, only: solve
-   use hb_thresholds, only: faint, rounding
+   use hb_thresholds, only: negligible_share, rounding_level
    use hb_torus, only: fast_size, new_torus
    implicit none
 
@@ -33,7 +33,7 @@ contains
          y = x(positions)
          call coarse%linear_solution(linear_solution)
          loose = config
-         loose%tolerance = max(faint, config%tolerance)                 ! the omitted harmonics have a larger effect
+         loose%tolerance = max(negligible_share, config%tolerance)      ! the omitted harmonics have a larger effect
          call solve(coarse, loose, reshape(linear_solution, [size(y)]), y, report)
          is_found = report%status == outcome%converged
          if (is_found) x(positions) = y
@@ -66,7 +66,7 @@ contains
 
       associate (set => self%harmonics)
          retained = pack([(h, h=1, set%n_harmonics)], &
-                         [(all(abs(set%tuples(:, h)) <= ceiling((share - rounding)*set%highest)), h=1, set%n_harmonics)])
+                         [(all(abs(set%tuples(:, h)) <= ceiling((share - rounding_level)*set%highest)), h=1, set%n_harmonics)])
          if (size(retained) == set%n_harmonics) retained = retained(:0)
       end associate
    end function level_of

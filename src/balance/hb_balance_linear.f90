@@ -1,7 +1,7 @@
 !> Properties of the linear part of the balance that laws and solvers need: stiffness at a law, scales, rounding.
 submodule (hb_balance) hb_balance_linear
    use hb_dynamic_stiffness, only: chunk_of_columns
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: equality_tolerance
    implicit none
 
 contains
@@ -92,8 +92,8 @@ contains
    !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and the effect of an
    !> error of one unit in the motion on the forces of stiff laws. If frequencies change, the condensation has
    !> different rounding errors at each of them: units in the last place of the stiffness before the interior is
-   !> eliminated, and of stiffness and inertia, which cancel at a resonance. Above `agreement` a point counts as failed, not as
-   !> rounded.
+   !> eliminated, and of stiffness and inertia, which cancel at a resonance. Above `equality_tolerance` a point counts as failed, not
+   !> as rounded.
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)
@@ -134,7 +134,7 @@ contains
          if (self%law_set%has_memory) total = total + sum((self%law_set%factor*self%law_set%spring_forces() &
                                                            /[(scale_of(i), i=1, self%n_dofs)])**2)
       end if
-      rounding_level_of = min(agreement, lu_rounding*sqrt(total))
+      rounding_level_of = min(equality_tolerance, lu_rounding*sqrt(total))
       if (.not. self%has_moved) return
       total = 0.0_wp
       associate (set => self%harmonics)
@@ -144,7 +144,8 @@ contains
             end do
          end do
       end associate
-      rounding_level_of = min(agreement, rounding_level_of + merge(few_units, lu_rounding, self%stiffness%n_dofs == self%n_dofs)* &
+      rounding_level_of = min(equality_tolerance, rounding_level_of + merge(few_units, lu_rounding, &
+            self%stiffness%n_dofs == self%n_dofs)* &
                               sqrt(total))
 
    contains

@@ -14,7 +14,7 @@ module hb_base_motion
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: max_dense, structure_t
-   use hb_thresholds, only: agreement, rounding
+   use hb_thresholds, only: equality_tolerance, rounding_level
    implicit none
    private
    public :: base_motion_t, find_base_motion
@@ -77,7 +77,7 @@ contains
          self%n_linear = self%modes%n_modes
          call add_travelling_waves(self%modes, structure%mass)
          allocate (at_laws, source=balance%stiffness%coordinates%amplitudes_of(self%modes%shapes))
-         self%is_at_laws = maxval(abs(at_laws), dim=1) > rounding*maxval(abs(self%modes%shapes), dim=1)
+         self%is_at_laws = maxval(abs(at_laws), dim=1) > rounding_level*maxval(abs(self%modes%shapes), dim=1)
          call move_alloc(at_laws, self%modes%shapes)
       end subroutine find_modes
 
@@ -131,13 +131,13 @@ contains
       if (.not. any(abs(mass) > 0.0_wp)) return
       do i = 1, n - 1
          if (abs(cmplx(modes%growth(i + 1) - modes%growth(i), modes%frequency(i + 1) - modes%frequency(i), wp)) > &
-             agreement*modes%frequency(i)) cycle
+             equality_tolerance*modes%frequency(i)) cycle
          first = modes%shapes(:, i)/modes%shapes(maxloc(abs(modes%shapes(:, i)), dim=1), i)
          second = modes%shapes(:, i + 1)/modes%shapes(maxloc(abs(modes%shapes(:, i + 1)), dim=1), i + 1)
          first = first/sqrt(real(dot_product(first, matmul(mass, first))))
          second = second - dot_product(first, matmul(mass, second))*first
          weight = real(dot_product(second, matmul(mass, second)))
-         if (.not. weight > agreement*real(dot_product(first, first))) cycle
+         if (.not. weight > equality_tolerance*real(dot_product(first, first))) cycle
          second = second/sqrt(weight)
          call append(i, first + (0.0_wp, 1.0_wp)*second)
          call append(i, first - (0.0_wp, 1.0_wp)*second)

@@ -27,7 +27,7 @@ module hb_error_estimate
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement, minor, nearby_steps, well_solved
+   use hb_thresholds, only: equality_tolerance, nearby_steps, small_share, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: torus_t
    use hb_wide_problem, only: are_walls_struck, clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, &
@@ -214,7 +214,7 @@ contains
       type(law_measure_t) :: measure
 
       measure = measure_of(balance)
-      reference_size = max(measure%norm(u), agreement*maxval(balance%r_scale)/balance%stiffness%largest_entry())
+      reference_size = max(measure%norm(u), equality_tolerance*maxval(balance%r_scale)/balance%stiffness%largest_entry())
    end function reference_size
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
@@ -267,8 +267,8 @@ contains
       call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
-      ! an error above `minor` is too large for one linear step
-      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > minor)) &
+      ! an error above `small_share` is too large for one linear step
+      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > small_share)) &
          call compare_with_half(self, balance, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
@@ -490,13 +490,13 @@ contains
          do i = 1, size(problem%which)
             if (problem%which(i) > size(self%frequency_error)) cycle
             associate (of_tone => self%frequency_error(problem%which(i)))
-               of_tone = max(abs(x_half(n + i)), merge(0.0_wp, of_tone, self%truncation > minor))
+               of_tone = max(abs(x_half(n + i)), merge(0.0_wp, of_tone, self%truncation > small_share))
             end associate
          end do
       end select
       measure = measure_of(balance)
       associate (change => reshape(x_half(:n), [balance%harmonics%n_coefficients, balance%n_dofs]))
-         self%truncation = max(measure%norm(change)/size_of_motion, min(self%truncation, minor))
+         self%truncation = max(measure%norm(change)/size_of_motion, min(self%truncation, small_share))
       end associate
    end subroutine compare_with_half
 

@@ -11,7 +11,7 @@ module hb_law_coordinates
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: minor, rounding
+   use hb_thresholds, only: rounding_level, small_share
    implicit none
    private
    public :: dofs_of_unknowns, laws_at, new_law_coordinates
@@ -192,7 +192,7 @@ contains
       integer, intent(in) :: dofs(:)                                  !! ascending
       integer, intent(out) :: part_of(:)                              !! (size(dofs))
       integer, intent(out) :: n_parts
-      integer :: a, b, first(size(dofs)), i, k                        ! each points to an earlier one of its part, the first to itself
+      integer :: a, b, first(size(dofs)), i, k ! each points to an earlier one of its part, the first to itself
 
       first = [(k, k=1, size(dofs))]
       do i = 1, size(laws)
@@ -240,12 +240,12 @@ contains
          end do
       end associate
       associate (whole => norm2(self%weight*column))
-         if (norm2(orthogonal) <= rounding*whole) return
+         if (norm2(orthogonal) <= rounding_level*whole) return
          share = norm2(orthogonal)/whole
       end associate
       self%n = self%n + 1
       self%orthonormal(:, self%n) = orthogonal/norm2(orthogonal)
-      is_literal = share > minor                                      ! else only its independent part is the coordinate
+      is_literal = share > small_share                                ! else only its independent part is the coordinate
       self%shape(:, self%n) = merge(column, orthogonal/(share*self%weight), is_literal)
    end subroutine span_add
 

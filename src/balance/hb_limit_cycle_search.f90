@@ -14,7 +14,7 @@ module hb_limit_cycle_search
    use hb_phase, only: amplitude_functional, coefficient_functional, new_phase_problem, phase_problem_t, shift_functional
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_thresholds, only: agreement, faint, nearby_steps, rounding
+   use hb_thresholds, only: equality_tolerance, nearby_steps, negligible_share, rounding_level
    implicit none
    private
    public :: continue_in_order, first_amplitude, fundamental, last_amplitude, max_steps, new_search, path_point_t
@@ -122,11 +122,11 @@ contains
             self%sense = sign(1.0_wp, modes%response(self%modes))
             point%xi = -modes%growth(self%modes)/modes%response(self%modes)
             call self%solve_with_amplitudes(point, .true., is_solved)
-            if (.not. is_solved .or. all(modes%growth(self%modes) <= rounding*modes%frequency(self%modes))) return
-            if (any(self%damping(point) < -rounding)) return
+            if (.not. is_solved .or. all(modes%growth(self%modes) <= rounding_level*modes%frequency(self%modes))) return
+            if (any(self%damping(point) < -rounding_level)) return
          end associate
          smaller = 0.01_wp*smaller
-         if (smaller < rounding*self%length) return
+         if (smaller < rounding_level*self%length) return
       end do
    end subroutine search_begin
 
@@ -223,7 +223,7 @@ contains
       type(solver_config_t) :: config
 
       config = self%config
-      config%tolerance = max(agreement, config%tolerance)
+      config%tolerance = max(equality_tolerance, config%tolerance)
       config%max_iterations = nearby_steps
    end function search_path_config
 
@@ -287,7 +287,7 @@ contains
       is_found = report%status == outcome%converged
       if (.not. is_found) return
       u = reshape(x(:size(u)), shape(u))
-      is_found = all([(norm2(fundamental_part(u, m)) > faint*before(m), m=1, size(before))])
+      is_found = all([(norm2(fundamental_part(u, m)) > negligible_share*before(m), m=1, size(before))])
       if (.not. is_found) return
       point%u = u
       point%omega = x(size(u) + 1:)

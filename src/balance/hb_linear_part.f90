@@ -13,7 +13,7 @@ module hb_linear_part
    use hb_null_space, only: find_null_space
    use hb_structure, only: structure_t
    use hb_threads, only: n_threads
-   use hb_thresholds, only: minor
+   use hb_thresholds, only: small_share
    implicit none
    private
    public :: linear_part_t, new_linear_part
@@ -64,7 +64,7 @@ contains
       call self%linear_amplitudes(self%free_motion, self%is_singular)
       self%has_supports = any(self%is_singular)
       h = max(1, findloc(self%is_singular, .false., dim=1))
-      self%support = [(minor*abs(self%entry(i, i, h)), i=1, self%n_law)]
+      self%support = [(small_share*abs(self%entry(i, i, h)), i=1, self%n_law)]
       stiffest = maxval(self%support)
       if (stiffest <= 0.0_wp) stiffest = 1.0_wp
       where (self%support <= epsilon(1.0_wp)*stiffest) self%support = stiffest
@@ -235,7 +235,7 @@ contains
       do h = 1, self%n_harmonics
          if (frequencies(h) == 0.0_wp) cycle
          do i = 1, self%n_law
-            associate (more => cmplx(0.0_wp, sign(loss*self%support(i)/minor, frequencies(h)), wp))
+            associate (more => cmplx(0.0_wp, sign(loss*self%support(i)/small_share, frequencies(h)), wp))
                if (allocated(self%shared)) then
                   self%shared%extra(i, h) = more
                else

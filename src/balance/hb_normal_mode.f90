@@ -20,7 +20,7 @@ module hb_normal_mode
    use hb_solver, only: solve
    use hb_solver_types, only: report_t, solver_config_t
    use hb_text, only: to_text
-   use hb_thresholds, only: agreement, faint, rounding
+   use hb_thresholds, only: equality_tolerance, negligible_share, rounding_level
    implicit none
    private
    public :: amplitude_functionals, find_mode_of_energy, find_normal_mode
@@ -83,7 +83,7 @@ contains
       goal%functionals = amplitude_functionals(search%balance%harmonics, size(u, 2), dof, search%tones(1), is_peak)
       goal%rest = dot_product(goal%functionals(:, 2), reshape(search%base%u, [size(u)]))
       goal%value = amplitude - goal%rest
-      if (abs(goal%value) <= rounding*abs(amplitude)) then
+      if (abs(goal%value) <= rounding_level*abs(amplitude)) then
          search%report%status = outcome%no_motion
          search%message = "the amplitude is the displacement at rest"
          return
@@ -102,7 +102,7 @@ contains
 
       goal%value = value
       goal%energy = energy
-      goal%share = min(1.0_wp, max(first_amplitude, sqrt(agreement*abs(energy%at_rest)/value)))
+      goal%share = min(1.0_wp, max(first_amplitude, sqrt(equality_tolerance*abs(energy%at_rest)/value)))
       call find(search, goal, has_start, u)
    end subroutine find_mode_of_energy
 
@@ -118,7 +118,8 @@ contains
          before = size_of_fundamental()
          call solve_at(search, goal, 1.0_wp, search%config, .false., u)
          if (search%report%status == outcome%converged .and. &
-             size_of_fundamental() > max(faint*before, rounding*norm2(u))) return   ! otherwise a motion of another mode
+             ! otherwise a motion of another mode
+             size_of_fundamental() > max(negligible_share*before, rounding_level*norm2(u))) return
          search%report%status = outcome%pending
       end if
       if (size(search%modes) == 0) then
@@ -188,7 +189,7 @@ contains
 
       is_found = from >= 1.0_wp
       if (is_found) return
-      event%tolerance = faint
+      event%tolerance = negligible_share
       event%goal = goal
       event%balance => search%balance
       reached = max(reached, from)
@@ -332,7 +333,7 @@ contains
 
       associate (set => search%balance%harmonics)
          h = fundamental(set, search%tones(1))
-         has_fundamental = norm2(u([set%cos_at(h), set%sin_at(h)], :)) >= faint*norm2(u - search%base%u)
+         has_fundamental = norm2(u([set%cos_at(h), set%sin_at(h)], :)) >= negligible_share*norm2(u - search%base%u)
       end associate
    end function has_fundamental
 

@@ -9,7 +9,7 @@ module hb_resonant_modes
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_limit_cycle_search, only: fundamental, search_t
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: equality_tolerance
    implicit none
    private
    public :: find_resonant, find_shares, resonant_t, with_resonant
@@ -100,7 +100,7 @@ contains
       allocate (shares(0), frequencies(0))
       do i = 1, size(grid) - 1
          if (.not. all(is_known(i:i + 1))) cycle
-         if (values(i)*values(i + 1) >= 0.0_wp .or. maxval(abs(values(i:i + 1))) <= agreement**2) cycle
+         if (values(i)*values(i + 1) >= 0.0_wp .or. maxval(abs(values(i:i + 1))) <= equality_tolerance**2) cycle
          low = grid(i)
          high = grid(i + 1)
          do k = 1, n_bisections

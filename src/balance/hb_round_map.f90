@@ -6,7 +6,7 @@ module hb_round_map
    use hb_characteristic, only: characteristic_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: equality_tolerance
    implicit none
    private
    public :: find_closing, is_affordable
@@ -44,7 +44,7 @@ contains
       end do
       call dgetrf(n, n, map, n, pivots, info)
       if (info == 0) call dgetrs("N", n, n, map, n, pivots, closing, n, info)
-      if (info /= 0 .or. .not. agreement*maxval(abs(closing)) < 1.0_wp) deallocate (closing)
+      if (info /= 0 .or. .not. equality_tolerance*maxval(abs(closing)) < 1.0_wp) deallocate (closing)
    end subroutine find_closing
 
    !> M, by a round of all unit vectors at once.

@@ -11,7 +11,7 @@ module hb_self_excitation
    use hb_limit_cycle_search, only: first_amplitude, last_amplitude, max_steps, path_point_t, search_t
    use hb_outcome, only: outcome
    use hb_text, only: to_text
-   use hb_thresholds, only: minor, next_to_none, rounding
+   use hb_thresholds, only: negligible_step, rounding_level, small_share
    implicit none
    private
    public :: search_from_modes
@@ -78,8 +78,8 @@ contains
       do while (is_solved .and. .not. work_is_over())
          last = point
          self%reached = goal
-         self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= rounding)
-         if (any(self%damping(point) < -rounding)) then
+         self%is_neutral = self%is_neutral .and. all(abs(self%damping(point)) <= rounding_level)
+         if (any(self%damping(point) < -rounding_level)) then
             call remove_damping(self, point, is_found)
             return
          end if
@@ -105,7 +105,7 @@ contains
       smallest = min(minval(now%amplitude), first_amplitude*self%length)
       growth = longest_growth
       sign_before = sign(1.0_wp, self%damping(now))
-      next_try = minor                                                ! |xi|/omega
+      next_try = small_share                                          ! |xi|/omega
       do step = 1, max_steps
          is_found = .false.
          if (work_is_over()) exit
@@ -139,7 +139,7 @@ contains
             now = last
             growth = 0.3_wp*growth
          end if
-         if (maxval(growth) < next_to_none) exit
+         if (maxval(growth) < negligible_step) exit
       end do
       self%report%status = outcome%stalled
       self%message = "continuation to the motion failed at amplitude "//to_text(maxval(now%amplitude))//" and damping xi/omega "// &

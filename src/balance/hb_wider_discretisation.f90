@@ -6,7 +6,7 @@ module hb_wider_discretisation
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_box, new_of_parity
    use hb_kinds, only: wp
-   use hb_thresholds, only: minor
+   use hb_thresholds, only: small_share
    use hb_torus, only: fast_size, new_torus, samples_for, torus_t
    use hb_tuple_choice, only: new_doubled_set, shifted
    implicit none
@@ -78,7 +78,7 @@ contains
          do h = 1, set%n_harmonics
             if (sum(abs(set%tuples(:, h))) < min_order .or. carried(h) < least) cycle
             ! resonant: a minor part of the stiffness is left beside the inertia
-            if (any([(abs(stiffness%entry(d, d, h)) < minor*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
+            if (any([(abs(stiffness%entry(d, d, h)) < small_share*stiffness%magnitude(d, h), d=1, balance%n_dofs)])) &
                tuples = reshape([tuples, shifted(set%tuples(:, h:h), slow)], [size(slow), size(tuples, 2) + 2])
          end do
          do i = 1, size(laws)

@@ -13,7 +13,7 @@ module hb_inactive_laws
    use hb_outcome, only: is_solved, outcome
    use hb_system, only: system_t
    use hb_text, only: rounded_to
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: negligible_share
    implicit none
    private
    public :: advise_on_inactive_laws, inactive_laws_t
@@ -233,7 +233,7 @@ contains
       has_stored_force = .false.
       if (motion%status /= outcome%integrated .or. .not. allocated(motion%force_coefficients)) return
       if (size(motion%force_coefficients, 3) /= size(dofs)) return
-      none = faint*maxval(abs(system%load_spectrum%values))
+      none = negligible_share*maxval(abs(system%load_spectrum%values))
       do i = 1, size(dofs)
          if (.not. any(law%dofs == dofs(i))) cycle
          has_stored_force = has_stored_force .or. any(abs(motion%force_coefficients(:, :, i)) > none)

@@ -13,7 +13,7 @@ module hb_model_tones
    use hb_structure, only: max_dense
    use hb_system, only: system_t
    use hb_text, only: string_t, to_text
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    use hb_tones, only: new_tones, tones_t
    implicit none
    private
@@ -244,7 +244,7 @@ contains
          return
       end if
       associate (k => system%structure%stiffness)
-         if (maxval(abs(k - transpose(k))) > rounding*maxval(abs(k))) &
+         if (maxval(abs(k - transpose(k))) > rounding_level*maxval(abs(k))) &
             call group%problem("energy", "the stiffness is not symmetric, so that there is no strain energy; give 'amplitude' "// &
                                "and 'dof'")
       end associate

@@ -19,7 +19,7 @@ module hb_curve
    use hb_outcome, only: outcome
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: equality_tolerance
    use hb_zero_bracket, only: new_zero_bracket, zero_bracket_t
    implicit none
    private
@@ -390,7 +390,7 @@ contains
       call solve_newton(problem, self%corrector, there, report)
       call self%report%add(report)
       there(size(x)) = x(size(x))
-      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%units) < agreement ! else near a fold
+      is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%units) < equality_tolerance ! else near a fold
       if (is_there) x = there
    end subroutine curve_correct_at_value
 

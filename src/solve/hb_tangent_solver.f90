@@ -5,7 +5,7 @@ module hb_tangent_solver
    use hb_solver_types, only: solver_config_t
    use hb_tangent_factor, only: new_tangent_factor, tangent_factor_t
    use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    implicit none
    private
    public :: find_null_vector, new_tangent_solver, tangent_solver_t
@@ -175,7 +175,7 @@ contains
       logical :: is_singular
 
       call new_tangent_solver(solver, problem, x, is_singular)
-      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding)*x, is_singular)
+      if (is_singular) call new_tangent_solver(solver, problem, (1.0_wp + rounding_level)*x, is_singular)
       is_found = .not. is_singular
       if (is_found) call solver%find_null_vector(problem, scale, mask, along, vector, is_found)
    end subroutine find_null_vector

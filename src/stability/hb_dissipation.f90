@@ -5,7 +5,7 @@ module hb_dissipation
    use hb_kinds, only: wp
    use hb_lapack, only: dpotrf
    use hb_structure, only: structure_t
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    implicit none
    private
    public :: loses_energy, work_of_dissipation
@@ -39,7 +39,7 @@ contains
       do k = 2, size(matrix, 2)
          do i = 1, k - 1
             is_symmetric = is_symmetric .and. &
-                           abs(matrix(i, k) - matrix(k, i)) <= rounding*sqrt(abs(matrix(i, i)))*sqrt(abs(matrix(k, k)))
+                           abs(matrix(i, k) - matrix(k, i)) <= rounding_level*sqrt(abs(matrix(i, i)))*sqrt(abs(matrix(k, k)))
          end do
       end do
    end function is_symmetric
@@ -52,7 +52,7 @@ contains
 
       allocate (factor, source=matrix)
       do i = 1, size(matrix, 1)
-         factor(i, i) = (1.0_wp - rounding)*matrix(i, i)
+         factor(i, i) = (1.0_wp - rounding_level)*matrix(i, i)
       end do
       call dpotrf("L", size(matrix, 1), factor, size(matrix, 1), info)
       is_definite = info == 0

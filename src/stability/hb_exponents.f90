@@ -14,7 +14,7 @@ module hb_exponents
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
    use hb_stability, only: few_periods
-   use hb_thresholds, only: clearly, safety
+   use hb_thresholds, only: certainty_factor, estimate_safety
    implicit none
    private
    public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
@@ -109,7 +109,7 @@ contains
          call average(growth(:, forgotten + 1:), propagation%length, found%rate, found%spread)
          found%is_resolved = is_resolved(found%rate, found%n_periods*propagation%length)
          if (found%is_resolved .and. &
-             abs(found%rate(1)) > merge(clearly, safety, found%n_periods <= few_periods)*found%spread(1)) exit
+             abs(found%rate(1)) > merge(certainty_factor, estimate_safety, found%n_periods <= few_periods)*found%spread(1)) exit
          found%is_cut_short = 2.0_wp*n_all*propagation%work > max_work
          if (found%is_cut_short .or. 2*found%n_periods > merge(1, longer_beat, found%is_resolved)*max_periods) exit
          found%n_periods = 2*found%n_periods

@@ -21,7 +21,7 @@ module hb_floquet
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, share_of_stability, &
       stability_config_t, stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
-   use hb_thresholds, only: clearly, faint, minor, rounding, safety
+   use hb_thresholds, only: certainty_factor, estimate_safety, negligible_share, rounding_level, small_share
    use hb_variation, only: min_work, new_variation, variation_t
    implicit none
    private
@@ -188,7 +188,7 @@ contains
       integer :: i
 
       work = work_of_eigenvalues*(2.0_wp*structure%n_dofs)**3
-      at_once = minor*least_work
+      at_once = small_share*least_work
       if (config%patience > share_of_stability) at_once = of_a_curve*least_work
       if (limit >= huge(limit)) at_once = work_on_demand
       if (work > at_once) then
@@ -396,8 +396,8 @@ contains
       self%exponents = found%rate(:min(size(found%rate), max_multipliers))
       self%estimate = found%spread(1)
       self%n_periods = found%n_periods
-      margin = max(safety*found%spread(1), rounding*two_pi/propagation%length)
-      if (found%is_resolved) self%n_unstable = count(found%rate > safety*found%spread .and. found%rate > margin)
+      margin = max(estimate_safety*found%spread(1), rounding_level*two_pi/propagation%length)
+      if (found%is_resolved) self%n_unstable = count(found%rate > estimate_safety*found%spread .and. found%rate > margin)
       if (.not. found%is_resolved) then
          self%is_too_costly = found%is_cut_short
       else if (self%n_unstable > 0) then
@@ -468,7 +468,7 @@ contains
          call assess_matrix(self, monodromy%matrix, variation%motion%omega(1), monodromy%estimate, is_sensitive)
          if (.not. is_sensitive .or. monodromy%estimate > tolerance .or. tolerance <= min_matrix_tolerance) exit
          if (work_of_finer*monodromy%work > max_work) exit
-         tolerance = max(min_matrix_tolerance, faint*tolerance)       ! two multipliers nearly coincide on the unit circle
+         tolerance = max(min_matrix_tolerance, negligible_share*tolerance) ! two multipliers nearly coincide on the unit circle
       end do
 
    contains
@@ -528,7 +528,7 @@ contains
       first = self%verdict
       n_first = self%n_unstable
       if (first == verdict%unknown) return
-      associate (error => safety*matrix_error*max(1.0_wp, maxval(abs(matrix))))
+      associate (error => estimate_safety*matrix_error*max(1.0_wp, maxval(abs(matrix))))
          if (all(abs(abs(multipliers) - 1.0_wp) > sqrt(error)*max(1.0_wp, maxval(abs(matrix))))) return
          call assess_multipliers(self, multipliers, omega, shifts_of_eigenvalues(matrix, multipliers, error))
       end associate
@@ -545,11 +545,12 @@ contains
       real(wp), allocatable :: margins(:)
       real(wp) :: noise
 
-      noise = clearly*epsilon(1.0_wp)*abs(multipliers(1))             ! of all others
-      allocate (margins(size(multipliers)), source=max(rounding, clearly*self%estimate, noise, clearly*self%noise))
+      noise = certainty_factor*epsilon(1.0_wp)*abs(multipliers(1))    ! of all others
+      allocate (margins(size(multipliers)), source=max(rounding_level, certainty_factor*self%estimate, noise, &
+            certainty_factor*self%noise))
       if (present(shifts)) margins = max(margins, shifts)
-      if (noise >= minor) margins = pack(margins, abs(multipliers) >= noise)
-      if (noise >= minor) multipliers = pack(multipliers, abs(multipliers) >= noise)
+      if (noise >= small_share) margins = pack(margins, abs(multipliers) >= noise)
+      if (noise >= small_share) multipliers = pack(multipliers, abs(multipliers) >= noise)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margins)
       self%verdict = verdict%unknown
       if (self%n_unstable > 0) then

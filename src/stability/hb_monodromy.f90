@@ -9,7 +9,7 @@ module hb_monodromy
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: two_pi, wp
    use hb_piece_propagation, only: propagate
-   use hb_thresholds, only: agreement, minor
+   use hb_thresholds, only: equality_tolerance, small_share
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
@@ -91,7 +91,7 @@ contains
          estimate_before = self%estimate
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
          if (self%estimate <= tolerance .or. 2.0_wp*self%work > max_work) exit
-         if (self%estimate <= agreement .and. self%estimate > minor*estimate_before) exit
+         if (self%estimate <= equality_tolerance .and. self%estimate > small_share*estimate_before) exit
       end do
       call move_alloc(last, self%matrix)
    end subroutine find_transfer

@@ -8,7 +8,7 @@ module hb_piece_propagation
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
    use hb_matrix_exponential, only: exponential_of, exponential_of_two, multiply_by
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
@@ -135,8 +135,8 @@ contains
       if (known == 2*n_steps) return
       associate (length => piece%finish - piece%start)
          times = piece%start + length*[(real(i, wp)/(2*n_steps), i=0, 2*n_steps)]
-         if (piece%is_after_event) times(0) = piece%start + rounding*length
-         if (piece%is_before_event) times(2*n_steps) = piece%finish - rounding*length
+         if (piece%is_after_event) times(0) = piece%start + rounding_level*length
+         if (piece%is_before_event) times(2*n_steps) = piece%finish - rounding_level*length
       end associate
       associate (n => self%n_coordinates)
          allocate (by_displacement(n, n, 0:2*n_steps), by_rate(n, n, 0:2*n_steps), by_state(n, self%n_states, 0:2*n_steps))

@@ -13,7 +13,7 @@ module hb_piecewise_orbit
    use hb_monodromy, only: find_monodromy, monodromy_t, n_instants_of
    use hb_stability, only: excitation_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: minor, nearby_steps, rounding, same_motion
+   use hb_thresholds, only: max_distance_of_same, nearby_steps, rounding_level, small_share
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: bracket_t, cut_time
    implicit none
@@ -105,9 +105,9 @@ contains
       frequencies = abs(frequencies)
       units(:n) = sum(lengths, dim=2)
       units(n + 1:) = matmul(lengths, frequencies)/variation%scale
-      units(:n) = max(units(:n), minor*maxval(units(:n)), tiny(1.0_wp))
+      units(:n) = max(units(:n), small_share*maxval(units(:n)), tiny(1.0_wp))
       if (maxval(units(n + 1:)) <= epsilon(1.0_wp)*maxval(units(:n))) units(n + 1:) = maxval(units(:n))   ! an equilibrium
-      units(n + 1:) = max(units(n + 1:), minor*maxval(units(n + 1:)), tiny(1.0_wp))
+      units(n + 1:) = max(units(n + 1:), small_share*maxval(units(n + 1:)), tiny(1.0_wp))
       call new_flow(flow, variation, structure, excitation, start, is_done)
       if (.not. is_done) return
       x = begun
@@ -119,7 +119,7 @@ contains
          if (.not. is_done) return
          left = (after - x)/units
          if (maxval(abs(left)) >= maxval(abs(left_before))) then
-            if (maxval(abs(left)) <= rounding) exit                    ! rounding
+            if (maxval(abs(left)) <= rounding_level) exit              ! rounding
             step = 0.5_wp*step
             x = x - step
             cycle
@@ -127,12 +127,12 @@ contains
          call solve_step(self%matrix, free, after - x, step, sense_now)
          if (.not. sense_now*sense > 0.0_wp .and. shot > 1) return     ! a fold lies between: the motion is ambiguous
          sense = sense_now
-         if (max(maxval(abs(left)), maxval(abs(step/units))) <= rounding) exit
+         if (max(maxval(abs(left)), maxval(abs(step/units))) <= rounding_level) exit
          left_before = left
          x = x + step
-         if (maxval(abs((x - begun)/units)) > same_motion) return
+         if (maxval(abs((x - begun)/units)) > max_distance_of_same) return
       end do
-      self%is_found = maxval(abs(left)) <= rounding
+      self%is_found = maxval(abs(left)) <= rounding_level
       if (self%is_found .and. n_events /= n_events_given) self%is_found = sense*sense_along(variation, start, free) > 0.0_wp
       self%estimate = max(maxval(abs(left)), epsilon(1.0_wp)*size(flow%branches)*flow%period*maxval(abs(flow%constant)))
    end subroutine find_piecewise_orbit
@@ -163,7 +163,7 @@ contains
       type(monodromy_t) :: along
       real(wp) :: none(2*variation%n_dofs), step(2*variation%n_dofs)
 
-      call find_monodromy(along, variation, start, rounding, huge(1.0_wp))
+      call find_monodromy(along, variation, start, rounding_level, huge(1.0_wp))
       none = 0.0_wp
       call solve_step(along%matrix, free, none, step, sense)
    end function sense_along

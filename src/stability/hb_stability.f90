@@ -9,7 +9,7 @@ module hb_stability
    use hb_law, only: law_box_t
    use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
-   use hb_thresholds, only: clearly, minor, safety
+   use hb_thresholds, only: certainty_factor, estimate_safety, small_share
    use hb_tones, only: tones_t
    implicit none
    private
@@ -154,7 +154,7 @@ contains
          if (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there)) &
             self%verdict = verdict%unknown
          if (self%verdict == verdict%unstable) then                    ! both are outside
-            if (log(min(here, there)) <= safety*abs(log(here/there))) self%verdict = verdict%unknown
+            if (log(min(here, there)) <= estimate_safety*abs(log(here/there))) self%verdict = verdict%unknown
          end if
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
@@ -179,8 +179,8 @@ contains
       class(stability_t), intent(in) :: self
 
       resolves = .false.
-      if (allocated(self%multipliers)) resolves = clearly*self%noise < minor .and. &
-                                                  all(clearly*epsilon(1.0_wp)*abs(self%multipliers) < minor)
+      if (allocated(self%multipliers)) resolves = certainty_factor*self%noise < small_share .and. &
+                                                  all(certainty_factor*epsilon(1.0_wp)*abs(self%multipliers) < small_share)
    end function stability_resolves_circle
 
    !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest

@@ -16,7 +16,7 @@ module hb_variation
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_motion_window, only: motion_window_t
    use hb_structure, only: max_dense, structure_t
-   use hb_thresholds, only: difference_step, faint, minor, rounding
+   use hb_thresholds, only: difference_step, negligible_share, rounding_level, small_share
    implicit none
    private
    public :: min_work, new_variation, piece_t, variation_t
@@ -145,7 +145,8 @@ contains
          do part = n_parts, 1, -1
             frequency = maxval(frequencies)*part/n_parts
             do c = 1, self%n_coordinates
-               if (sum(amplitudes(c, :), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > faint*self%extent(c)) return
+               if (sum(amplitudes(c, :), mask=frequencies > maxval(frequencies)*(part - 1)/n_parts) > negligible_share* &
+                     self%extent(c)) return
             end do
          end do
       end associate
@@ -197,7 +198,7 @@ contains
 
       slowest = minval(abs(self%motion%omega))
       associate (n => self%n_dofs, rows => spread(factors, 2, self%n_dofs))
-         allocate (potential, source=symmetric_part(rows*(structure%stiffness + (minor*slowest)**2*structure%mass)))
+         allocate (potential, source=symmetric_part(rows*(structure%stiffness + (small_share*slowest)**2*structure%mass)))
          if (allocated(self%massless)) call count_massless(self%massless, factors, slowest, potential)
          allocate (factor, source=potential)
          call dpotrf("L", n, factor, n, info)
@@ -205,7 +206,7 @@ contains
             potential = 0.0_wp
             do i = 1, n
                potential(i, i) = factors(i)*(abs(structure%stiffness(i, i)) + slowest*abs(structure%damping(i, i)) &
-                                             + (minor*slowest)**2*structure%mass(i, i))
+                                             + (small_share*slowest)**2*structure%mass(i, i))
             end do
          end if
          allocate (self%energy(2*n, 2*n), source=0.0_wp)
@@ -231,11 +232,11 @@ contains
          do k = 1, size(factors)
             forth = factors(k)*massless%stiffness(k, i)
             back = factors(i)*massless%stiffness(i, k)
-            if (abs(forth - back) > rounding*max(abs(forth), abs(back))) is_node = .false.
+            if (abs(forth - back) > rounding_level*max(abs(forth), abs(back))) is_node = .false.
          end do
          associate (by_rate => slowest*factors(i)*abs(massless%damping(i, i)))
             if (is_node) then
-               potential(i, i) = potential(i, i) + faint*by_rate
+               potential(i, i) = potential(i, i) + negligible_share*by_rate
             else
                potential(i, :) = 0.0_wp
                potential(:, i) = 0.0_wp

@@ -7,7 +7,7 @@ module hb_variation_pieces
    use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_thresholds, only: max_bisections, rounding
+   use hb_thresholds, only: max_bisections, rounding_level
    use hb_variation, only: piece_t, variation_t
    implicit none
    private
@@ -107,7 +107,7 @@ contains
          if (work_is_over()) exit
          before = self%held
          call cut_time(self, start, finish, n_instants, pieces)
-         if (period > 1 .and. all(abs(self%held - before) <= rounding*maxval(self%extent))) exit
+         if (period > 1 .and. all(abs(self%held - before) <= rounding_level*maxval(self%extent))) exit
       end do
       self%has_slipped = .false.
    end subroutine make_sliders_periodic
@@ -185,7 +185,7 @@ contains
       now = values
       do pass = 1, max_passes_to_extreme
          extreme = extreme_of_parabola(at, now)
-         if (.not. (extreme > at(1) .and. extreme < at(3)) .or. abs(extreme - at(2)) <= rounding*(times(3) - times(1))) return
+         if (.not. (extreme > at(1) .and. extreme < at(3)) .or. abs(extreme - at(2)) <= rounding_level*(times(3) - times(1))) return
          value = switch_at(search, s, extreme)
          if (value > 0.0_wp .neqv. now(2) > 0.0_wp) then
             call add_sign_change(search, s, [times(1), extreme], [values(1), value])

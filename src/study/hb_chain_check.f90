@@ -19,7 +19,7 @@ module hb_chain_check
    use hb_options, only: options_t
    use hb_point_source, only: point_source_t
    use hb_stability, only: stability_method
-   use hb_thresholds, only: same_motion
+   use hb_thresholds, only: max_distance_of_same
    implicit none
    private
    public :: chain_check_t
@@ -129,7 +129,7 @@ contains
 
       found = motion
       call stretch%solve(share, found, is_solved)
-      if (is_solved) is_solved = difference_of(found, motion) <= same_motion
+      if (is_solved) is_solved = difference_of(found, motion) <= max_distance_of_same
       if (is_solved) motion = found
    end subroutine find_anew
 

@@ -6,7 +6,7 @@ module hb_curve_jumps
    use hb_kinds, only: wp
    use hb_motion_result, only: curve_position_t
    use hb_point_kinds, only: curve_kind
-   use hb_thresholds, only: agreement
+   use hb_thresholds, only: equality_tolerance
    implicit none
    private
    public :: curve_jumps_t
@@ -57,7 +57,7 @@ contains
       if (is_further(self, position%parameter)) self%furthest = position%parameter
       self%n_failures = merge(self%n_failures + 1, 0, self%n_rows == self%n_before + 1 .and. position%kind /= curve_kind%start)
       self%is_due = (position%kind == curve_kind%fold .or. has_ended) .and. self%n_rows > 1 .and. &
-                    self%n_failures < max_failures .and. abs(self%target - self%furthest) > agreement*self%range
+                    self%n_failures < max_failures .and. abs(self%target - self%furthest) > equality_tolerance*self%range
    end subroutine curve_jumps_note
 
    !> Restores the state at the last of the rows of a curve, and finds the first row of its part, with the request of this part.

@@ -22,7 +22,7 @@ module hb_curve_plan
    use hb_stability, only: stability_method
    use hb_system, only: system_t
    use hb_text, only: lower, shown, string_t, to_text
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    implicit none
    private
    public :: curve_plan_t, read_curve_plan
@@ -437,7 +437,7 @@ contains
       else
          loads = all_loads%of(h)
          largest = loads(maxloc(abs(loads), dim=1))
-         if (any(abs(aimag(loads*conjg(largest))) > rounding*abs(largest)**2)) &
+         if (any(abs(aimag(loads*conjg(largest))) > rounding_level*abs(largest)**2)) &
             call fail(error, "'"//response%name//"': its loads have several phases")
       end if
    end subroutine check_loads

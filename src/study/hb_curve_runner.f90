@@ -20,7 +20,7 @@ module hb_curve_runner
    use hb_solver_types, only: attempt_t
    use hb_system, only: system_t
    use hb_text, only: rounded_to, to_text
-   use hb_thresholds, only: reliable
+   use hb_thresholds, only: max_reliable_error
    implicit none
    private
    public :: curve_runner_t
@@ -258,7 +258,7 @@ contains
          if (allocated(result%attempts)) call move_alloc(result%attempts, within)
          attempt%status = merge(outcome%failed, result%status, allocated(self%error))
          if (allocated(self%error)) return
-         attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < reliable
+         attempt%has_succeeded = is_solved(result%status) .and. estimate_of(result) < max_reliable_error
          if (is_solved(result%status) .and. rule%row == attempt_row%other_end .and. (attempt%has_succeeded .or. work_is_over())) &
             result%message = "no motion was found at "//to_text(self%start)//"; the curve begins at the other end of its range"
       end associate

@@ -13,7 +13,7 @@ module hb_integrated_floquet
    use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
    use hb_state_map, only: new_state_map, state_map_t
    use hb_structure, only: max_dense, structure_t
-   use hb_thresholds, only: same_motion
+   use hb_thresholds, only: max_distance_of_same
    implicit none
    private
    public :: integrated_floquet_t, integrated_propagation_t, new_integrated_propagation
@@ -199,7 +199,7 @@ contains
       self%time = self%time + self%length
       self%x = after
       associate (n => self%integration%system%n_dofs, there => self%integration%state_at(self%time))
-         is_done = maxval(abs(after(:n) - there(:n))) <= same_motion
+         is_done = maxval(abs(after(:n) - there(:n))) <= max_distance_of_same
       end associate
    end subroutine integrate_period
 

@@ -39,7 +39,7 @@ module hb_orbit_branch
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: coordinates_of, system_t
    use hb_tangent_solver, only: find_null_vector
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: negligible_share
    use hb_tuple_choice, only: new_lowest_set
    implicit none
    private
@@ -333,7 +333,7 @@ contains
       real(wp) :: units(size(x))
 
       associate (n => self%orbit%n_unknowns)
-         units = [spread(max(faint, norm2(x(:n))), 1, n), self%orbit%parameter_scales([1])]
+         units = [spread(max(negligible_share, norm2(x(:n))), 1, n), self%orbit%parameter_scales([1])]
       end associate
    end function orbit_branch_units_at
 
@@ -343,7 +343,7 @@ contains
       type(curve_t), intent(inout) :: curve
 
       associate (n => self%orbit%n_unknowns)
-         curve%largest = max(faint, curve%largest, norm2(curve%x(:n)))
+         curve%largest = max(negligible_share, curve%largest, norm2(curve%x(:n)))
          curve%units = [spread(curve%largest, 1, n), self%orbit%parameter_scales([1])]
       end associate
    end subroutine orbit_branch_update_units

@@ -14,7 +14,7 @@ module hb_period_map
    use hb_lapack, only: dgeqrf, dgetrf, dgetrs, dorgqr
    use hb_motion_series, only: motion_series_t
    use hb_state_map, only: farthest_phase, new_state_map, state_map_t
-   use hb_thresholds, only: same_motion
+   use hb_thresholds, only: max_distance_of_same
    implicit none
    private
    public :: find_period_map, find_periodic_state, new_period_map, period_map_t, work_of_period_map
@@ -309,7 +309,7 @@ contains
          self%x = self%x + matmul(self%moving, step(:size(self%moving, 2)))
          if (is_free) self%period = self%period + step(size(step))
          associate (n => 2*self%integration%system%n_dofs)               ! the motion does not determine states of laws
-            is_done = maxval(abs(self%x(:n) - begun(:n))) <= same_motion
+            is_done = maxval(abs(self%x(:n) - begun(:n))) <= max_distance_of_same
          end associate
          if (.not. is_done) return
       end do

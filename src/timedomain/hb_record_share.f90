@@ -2,7 +2,7 @@
 module hb_record_share
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    use hb_time_stepping, only: integration_record_t
    implicit none
    private
@@ -47,7 +47,7 @@ contains
       integer :: k
 
       scale = [(norm2(z(:, k) - sum(z(:, k))/size(z, 1))/sqrt(real(size(z, 1), wp)), k=1, size(z, 2))]
-      scale = max(scale, rest, rounding*maxval(abs(z), dim=1))
+      scale = max(scale, rest, rounding_level*maxval(abs(z), dim=1))
       where (scale <= 0.0_wp) scale = 1.0_wp
    end function scale_of
 

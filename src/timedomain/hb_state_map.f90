@@ -15,7 +15,7 @@ module hb_state_map
    use hb_primary_method, only: evaluation_work
    use hb_rigid_constraints, only: collect_rigid
    use hb_structure, only: structure_t
-   use hb_thresholds, only: minor
+   use hb_thresholds, only: small_share
    use hb_time_stepping, only: integrate_from, integration_record_t
    implicit none
    private
@@ -84,8 +84,9 @@ contains
       speed = matmul(abs(motion%amplitudes), abs(motion%frequencies))
       if (maxval(extent) <= 0.0_wp) extent = system%typical_displacements()
       if (maxval(extent) <= 0.0_wp) extent = system%unit              ! at rest, without loads, at no distance from anything
-      extent = max(extent, minor*system%largest_in_units(extent))
-      speed = max(speed, minor*system%largest_in_units(speed), at_rest*system%largest_in_units(extent)*maxval(abs(motion%omega)))
+      extent = max(extent, small_share*system%largest_in_units(extent))
+      speed = max(speed, small_share*system%largest_in_units(speed), at_rest*system%largest_in_units(extent)* &
+            maxval(abs(motion%omega)))
       allocate (self%scale(2*n + system%laws%n_states))
       self%scale(:2*n) = [extent, speed]
       do i = 1, size(system%laws%spans)

@@ -34,7 +34,7 @@ module hb_steady_windows
    use hb_structure, only: max_dense
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
-   use hb_thresholds, only: rounding, same_motion
+   use hb_thresholds, only: max_distance_of_same, rounding_level
    use hb_time_stepping, only: early_end_t, integrate_from, integration_record_t
    implicit none
    private
@@ -239,7 +239,7 @@ contains
       if (allocated(error)) return
       associate (equations => self%equations)
          call new_integration_system(equations, system%structure, system%laws, system%load_spectrum, system%tones%omega)
-         self%rest = rounding*sums_of_terms(self%coordinates, equations%response(self%coordinates%dofs))
+         self%rest = rounding_level*sums_of_terms(self%coordinates, equations%response(self%coordinates%dofs))
          if (present(start)) then
             state = start
          else
@@ -359,7 +359,7 @@ contains
          x = begun
          if (is_done) call solve_newton(orbit, solver_config_t(tolerance=orbit_tolerance, max_iterations=max_shots), x, report)
          steady%work = steady%work + orbit%work_of(report)
-         if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= same_motion) then
+         if (is_done .and. report%status == outcome%converged .and. maxval(abs(x - begun)) <= max_distance_of_same) then
             polished = steady
             call orbit%describe(discretisation, options, coordinates, x, polished, is_done)
             stability = orbit%stability(x)

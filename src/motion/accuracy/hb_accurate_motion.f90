@@ -22,7 +22,7 @@ module hb_accurate_motion
    use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_threads, only: use_threads
-   use hb_thresholds, only: safety
+   use hb_thresholds, only: estimate_safety
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order, new_lowest_set
    implicit none
@@ -192,7 +192,8 @@ contains
             return
          end if
          lacks_verdict = found%estimate > clear_change .and. (found%verdict == stability_verdict%unknown .or. &
-                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < safety*found%estimate))
+                     (found%verdict == stability_verdict%unstable .and. abs(found%multipliers(1)) - 1.0_wp < estimate_safety* &
+                           found%estimate))
       end associate
    end function lacks_verdict
 
@@ -277,7 +278,7 @@ contains
          motion%solver%effort_t = finer%motion%solver%effort_t
          if (allocated(finer%motion%error) .or. finer%motion%result%status /= outcome%converged) return
          if (distance(motion%top, finer%motion%top, measure_of(motion%system), .false.) > &
-             safety*(estimate_of(motion%result) + finer%motion%estimate)) return
+             estimate_safety*(estimate_of(motion%result) + finer%motion%estimate)) return
          finer%motion%result%message = motion%result%message
          finer%motion%result%integration_work = motion%result%integration_work
          motion%result = finer%motion%result
@@ -343,7 +344,7 @@ contains
       class(point_attempts_t), intent(inout) :: self
       type(attempt_rule_t), intent(in) :: rule
       type(attempt_t), allocatable, intent(out) :: within(:)
-      real(wp), parameter :: far = 0.5_wp, much_nearer = 0.5_wp       ! of the start; of the distance before
+      real(wp), parameter :: max_start_distance = 0.5_wp, max_distance_ratio = 0.5_wp ! of the start; of the distance before
       type(level_t) :: top
       type(motion_result_t) :: result
       real(wp) :: before
@@ -353,7 +354,7 @@ contains
             call find_first(motion, rule, within)
             if (rule%row == attempt_row%first_set .and. allocated(motion%top%unknowns) .and. &
                 any(motion%system%tones%is_unknown) .and. self%conditions%grows_set) &
-               self%has_left_start = distance_from_start(motion) > far
+               self%has_left_start = distance_from_start(motion) > max_start_distance
             return
          end if
          self%has_left_start = .false.
@@ -363,7 +364,7 @@ contains
          deallocate (motion%top%unknowns)
          call find_first(motion, rule, within)
          if (allocated(motion%top%unknowns)) then
-            if (distance_from_start(motion) < much_nearer*before) return
+            if (distance_from_start(motion) < max_distance_ratio*before) return
          end if
          if (allocated(motion%error)) deallocate (motion%error)
          call result%add(motion%result%effort_t)

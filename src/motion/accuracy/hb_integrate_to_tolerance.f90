@@ -31,7 +31,7 @@ module hb_integrate_to_tolerance
    use hb_structure, only: max_dense, structure_t
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_text, only: rounded, to_text
-   use hb_thresholds, only: reliable, safety, well_solved
+   use hb_thresholds, only: estimate_safety, max_reliable_error, well_solved
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: largest_indices, lowest_order, new_lowest_set
    implicit none
@@ -170,7 +170,7 @@ contains
       if (.not. is_struck) then                                       ! then it is the same motion
          estimate = estimate_of(integrated)
          apart = distance(top, found, measure_of(system), .false.)
-         is_other = estimate_before < reliable .and. apart > safety*(estimate + estimate_before)
+         is_other = estimate_before < max_reliable_error .and. apart > estimate_safety*(estimate + estimate_before)
          if (is_other) then                                           ! a stable one may have a basin smaller than its error
             if (estimate > options%accuracy%tolerance .or. is_stable(system, discretisation, from, steady%work)) then
                result%message = "time integration from this motion leads to another one, relative distance "//rounded(apart)
@@ -233,7 +233,7 @@ contains
                           "within solver%max_fallback_work"
          return
       end if
-      is_known = result%reason == reason%tolerance .and. estimate_of(result) < reliable
+      is_known = result%reason == reason%tolerance .and. estimate_of(result) < max_reliable_error
       if (allocated(steady%message)) then
          if (is_known .and. allocated(result%message)) then
             result%message = result%message//"; "//steady%message
@@ -245,7 +245,7 @@ contains
          result%reason = reason%max_fallback_work
       if (is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
       if (steady%status == outcome%subharmonic .or. &
-          (steady%status == outcome%broadband .and. estimate_of(result) >= reliable)) then
+          (steady%status == outcome%broadband .and. estimate_of(result) >= max_reliable_error)) then
          call result%forget_motion()                               ! it is not a motion by its estimate, or does not persist
          result%reason = reason%none
          result%status = steady%status
@@ -264,7 +264,7 @@ contains
       real(wp), intent(in) :: work                                    !! of its solutions, in about a nanosecond
       integer, parameter :: many_tones = 3                            ! tones
 
-      needs = system%tones%n_tones >= many_tones .and. estimate_of(result) < reliable .and. &
+      needs = system%tones%n_tones >= many_tones .and. estimate_of(result) < max_reliable_error .and. &
          (work > options%accuracy%max_work .or. result%work_spent >= options%max_work())
    end function needs_larger_set
 

@@ -15,29 +15,29 @@ module hb_level
    use hb_options, only: options_t
    use hb_reduced_base, only: grid_share
    use hb_system, only: measure_of, system_t
-   use hb_thresholds, only: minor, next_to_none, reliable
+   use hb_thresholds, only: max_reliable_error, negligible_step, small_share
    use hb_torus, only: fast_size, new_torus, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t
    implicit none
    private
-   public :: apply_safety_factor, caution, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, &
-      estimate_of_motion, estimate_of_wanted, is_rigid, join, level_of, level_t, loaded_tuples, margin, max_failures, min_goal, &
-      needed_samples, set_to_level, transferred, trim_for_neighbour, trim_set
+   public :: apply_safety_factor, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, estimate_of_motion, &
+      estimate_of_wanted, goal_share, is_rigid, join, level_of, level_t, loaded_tuples, max_failures, min_goal, needed_samples, &
+      rigid_safety_factor, set_to_level, transferred, trim_for_neighbour, trim_set
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
-   real(wp), parameter :: margin = 0.6_wp                             ! of the tolerance: estimates were up to 1.6 times too small
+   real(wp), parameter :: goal_share = 0.6_wp                         ! of the tolerance: estimates were up to 1.6 times too small
    real(wp), parameter :: min_goal = 0.03_wp !! of the estimate: smallest goal for the error of the next level
    real(wp), parameter :: max_removable = 0.02_wp                     ! errors of first order that can be removed
-   real(wp), parameter :: largest_amplification = 5.0_wp              ! of neglected tuples by the response to them
-   real(wp), parameter :: largest_growth = 1.8_wp                     ! of a set, or the orders of a box, from one level to the next
+   real(wp), parameter :: max_amplification = 5.0_wp                  ! of neglected tuples by the response to them
+   real(wp), parameter :: max_growth = 1.8_wp                         ! of a set, or the orders of a box, from one level to the next
    real(wp), parameter :: min_growth = 1.1_wp                       ! of a set that is too small for the motion
-   real(wp), parameter :: smaller_tail = 0.2_wp
-   integer, parameter :: smallest_growing = 50                        ! tuples, above which this is examined
-   real(wp), parameter :: caution = 2.0_wp                            !! with rigid laws: estimates were .34 to 2 times the error
+   real(wp), parameter :: max_tail_ratio = 0.2_wp
+   integer, parameter :: min_tuples_to_grow = 50                      ! tuples, above which this is examined
+   real(wp), parameter :: rigid_safety_factor = 2.0_wp                !! with rigid laws: estimates were .34 to 2 times the error
    real(wp), parameter :: clearly_smaller = 0.8_wp                    ! set or grid, worth a change; a grid shrinks by no more
-   real(wp), parameter :: largest_refinement = 2.5_wp                 ! of a grid; multipliers were less accurate after 1.8
-   real(wp), parameter :: more_to_check = 4.0_wp, least_to_check = 1.5_wp ! samples, where a level only checks the estimate of
+   real(wp), parameter :: max_refinement = 2.5_wp                     ! of a grid; multipliers were less accurate after 1.8
+   real(wp), parameter :: max_check_ratio = 4.0_wp, min_check_ratio = 1.5_wp ! samples, where a level only checks the estimate of
                                                                       ! another
    real(wp), parameter :: aliasing_power = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: min_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
@@ -72,7 +72,8 @@ contains
       next%n_samples = top%n_samples
       if (options%accuracy%grows_set) &
          call choose_set(options, required, result, top, goal, n_failures == max_failures - 1 .or. &
-         raised_by(result)*result%error_estimate%truncation >= merge(reliable, max_removable, n_failures == 0), next%set, error)
+         raised_by(result)*result%error_estimate%truncation >= merge(max_reliable_error, max_removable, n_failures == 0), &
+               next%set, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
          finer = 1.0_wp
@@ -97,13 +98,13 @@ contains
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: goal                                    !! for the estimated error, > 0
       integer, intent(in) :: n_failures                               !! of levels chosen from this one
-      real(wp), parameter :: per_failure = 1.3_wp
+      real(wp), parameter :: growth_per_failure = 1.3_wp
 
       finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/aliasing_power)
-      finer = max(clearly_smaller, min(finer, largest_refinement))
-      if (estimate_of_wanted(result) <= margin*options%accuracy%tolerance) &
+      finer = max(clearly_smaller, min(finer, max_refinement))
+      if (estimate_of_wanted(result) <= goal_share*options%accuracy%tolerance) &
          finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%set%n_tones))
-      finer = finer*per_failure**n_failures
+      finer = finer*growth_per_failure**n_failures
    end function refinement_of
 
    !> Chooses the grid of the next level: as many samples as wanted, within the limit and at least those that its set needs, which
@@ -150,7 +151,7 @@ contains
       associate (work => result%work_spent)
          more = (options%accuracy%max_work - work)/max(share*work, 1.0_wp)
       end associate
-      more = max(least_to_check, min(more, more_to_check))
+      more = max(min_check_ratio, min(more, max_check_ratio))
    end function affordable_growth
 
    !> Removes first-order errors from the start on a level if they are small, whatever the estimate is.
@@ -185,7 +186,7 @@ contains
       integer :: h
 
       if (as_box) then
-         call new_box(set, ceiling(largest_growth*top%set%highest), .false., error)
+         call new_box(set, ceiling(max_growth*top%set%highest), .false., error)
          if (allocated(error)) return
          if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
       end if
@@ -202,16 +203,16 @@ contains
       end if
       amplification = raised_by(result)*result%error_estimate%truncation/max(norm2(neglected), &
                                                                              tiny(1.0_wp)) ! by the tuples of the set
-      amplification = max(1.0_wp, min(amplification, largest_amplification))
+      amplification = max(1.0_wp, min(amplification, max_amplification))
       tail = share_of_tail*goal/amplification
-      capacity = min(options%accuracy%max_harmonics, int(largest_growth*max(top%set%n_harmonics, smallest_growing)))
-      smallest = next_to_none*tail
+      capacity = min(options%accuracy%max_harmonics, int(max_growth*max(top%set%n_harmonics, min_tuples_to_grow)))
+      smallest = negligible_step*tail
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
          call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
          if (allocated(error)) return
          if (raised_by(result)*result%error_estimate%truncation <= goal .or. &
              set%n_harmonics > min_growth*top%set%n_harmonics) return
-         tail = smaller_tail*tail
+         tail = max_tail_ratio*tail
       end do
    end subroutine choose_set
 
@@ -233,11 +234,11 @@ contains
       real(wp) :: allowed                                             ! error by aliasing
       real(wp) :: density                                             ! of samples, relative to the present one
 
-      call trim_set(options, required, minor, level)
+      call trim_set(options, required, small_share, level)
       if (.not. options%accuracy%refines_grid) return
       density = 1.0_wp
       if (degree_of(system) == 0) then
-         allowed = share_of_grid*margin*options%accuracy%tolerance
+         allowed = share_of_grid*goal_share*options%accuracy%tolerance
          density = min(1.0_wp, (raised_by(result)*result%error_estimate%aliasing/allowed)**(1.0_wp/aliasing_power))
       end if
       level%n_samples = min(level%n_samples, max(needed_samples(level%set%highest, degree_of(system)), &
@@ -297,7 +298,7 @@ contains
 
       n_harmonics = level%set%n_harmonics
       allocate (n_samples, source=level%n_samples)
-      if (options%accuracy%grows_set) call trim_set(options, required, minor, level)
+      if (options%accuracy%grows_set) call trim_set(options, required, small_share, level)
       if (options%accuracy%refines_grid) then
          allocate (least, source=needed_samples(level%set%highest, degree_of(system)))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
@@ -487,8 +488,9 @@ contains
 
       if (.not. is_rigid(system)) return
       if (strikes_walls()) &
-         result%level_estimate = min(1.0_wp, hypot(caution*result%error_estimate%truncation, result%error_estimate%aliasing))
-      if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, caution*result%output_estimate)
+         result%level_estimate = min(1.0_wp, hypot(rigid_safety_factor*result%error_estimate%truncation, &
+               result%error_estimate%aliasing))
+      if (allocated(result%output_estimate)) result%output_level_estimate = min(1.0_wp, rigid_safety_factor*result%output_estimate)
 
    contains
 

@@ -11,8 +11,8 @@ module hb_refined_motion
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: caution, choose_next, distance, estimate_of, estimate_of_motion, estimate_of_wanted, is_rigid, level_t, &
-      loaded_tuples, margin, max_failures, min_goal, trim_for_neighbour, trim_set
+   use hb_level, only: choose_next, distance, estimate_of, estimate_of_motion, estimate_of_wanted, goal_share, is_rigid, level_t, &
+      loaded_tuples, max_failures, min_goal, rigid_safety_factor, trim_for_neighbour, trim_set
    use hb_level_solver, only: level_solver_t, solver_tolerance
    use hb_level_stability, only: add_stability
    use hb_motion_result, only: effort_t, motion_result_t
@@ -21,13 +21,13 @@ module hb_refined_motion
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_stability, only: stability_method
    use hb_system, only: measure_of, system_t
-   use hb_thresholds, only: minor, reliable
+   use hb_thresholds, only: max_reliable_error, small_share
    implicit none
    private
    public :: calibrate_outputs, estimate_by_levels, estimate_from_above, has_ended, least_work_of_next, left_after, refined_motion_t
 
    integer, parameter :: max_idle = 4                                 ! consecutive levels without improvement
-   real(wp), parameter :: largest_correction = 10.0_wp                ! of an estimate by that of the previous level
+   real(wp), parameter :: max_correction_ratio = 10.0_wp              ! of an estimate by that of the previous level
 
    !> The level solved last, the level it was compared with, the best level. The first level is solved before `refine_to_tolerance`:
    !> by its owner, into `top` and `result`.
@@ -92,7 +92,7 @@ contains
          if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. self%result%status == outcome%converged) .or. &
              size(options%gradient%by) > 0) return                     ! which is that of the whole set
          if (self%system%tones%n_tones == 1) then                     ! whose grids cost little
-            call trim_set(options, self%required, minor, self%top)
+            call trim_set(options, self%required, small_share, self%top)
          else
             call trim_for_neighbour(self%system, options, self%required, self%result, self%top)
          end if
@@ -133,9 +133,10 @@ contains
    pure logical function is_clear_impact(options, result)
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result
-      real(wp), parameter :: clear = 10.0_wp                          ! of the limit
+      real(wp), parameter :: clear_impact_ratio = 10.0_wp             ! of the limit
 
-      is_clear_impact = result%status == outcome%impact .and. result%error_estimate%impact > clear*options%error_estimate%impact
+      is_clear_impact = result%status == outcome%impact .and. result%error_estimate%impact > clear_impact_ratio* &
+            options%error_estimate%impact
    end function is_clear_impact
 
    !> Compares the motion of the next level with the level below, which may increase its estimate, and stores the best
@@ -148,7 +149,7 @@ contains
 
       associate (system => self%system, top => self%top, next => self%next)
          self%difference = distance(top, next, measure_of(system), any(system%tones%is_unknown))
-         self%is_checked = self%own_estimate < reliable
+         self%is_checked = self%own_estimate < max_reliable_error
          raw = estimate_of_motion(trial)
          allocate (outputs_raw, source=estimates_of_outputs(trial))
          if (self%is_checked) &
@@ -173,8 +174,8 @@ contains
       real(wp) :: goal
 
       associate (accuracy => self%options%accuracy, estimate => self%estimate)
-         goal = max(min_goal*estimate, margin*accuracy%tolerance)
-         if (estimate <= margin*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
+         goal = max(min_goal*estimate, goal_share*accuracy%tolerance)
+         if (estimate <= goal_share*accuracy%tolerance) goal = max(0.3_wp*estimate, min_goal*accuracy%tolerance)
          goal = goal*3.0_wp**self%n_failures*estimate_of(self%result)/max(estimate, tiny(1.0_wp))   ! of the motion
       end associate
       call choose_next(self%system, self%options, self%required, self%result, self%top, goal, self%n_failures, self%next)
@@ -212,7 +213,7 @@ contains
    logical function refined_motion_is_accurate(self) result(is_accurate)
       class(refined_motion_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= self%options%accuracy%tolerance*merge(margin, minor, self%is_checked)
+      is_accurate = self%estimate <= self%options%accuracy%tolerance*merge(goal_share, small_share, self%is_checked)
    end function refined_motion_is_accurate
 
    !> A larger set does not reveal the restitution of walls that are struck. Within the tolerance a level is begun for its margin
@@ -223,7 +224,7 @@ contains
       associate (accuracy => self%options%accuracy, solver => self%solver)
          is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. solver%work > accuracy%max_work .or. &
                    solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
-                   (self%result%status == outcome%impact .and. self%own_estimate <= margin*accuracy%tolerance) .or. &
+                   (self%result%status == outcome%impact .and. self%own_estimate <= goal_share*accuracy%tolerance) .or. &
                    (self%estimate <= accuracy%tolerance .and. self%is_checked .and. solver%work_spent > accuracy%max_work)
       end associate
    end function refined_motion_is_over
@@ -236,9 +237,9 @@ contains
       write (estimate, "(es7.1)") estimate_of_wanted(result)
       result%message = "no larger set of harmonics has a motion near this one, which would check its estimated error of "// &
                        trim(estimate)
-      result%level_estimate = max(result%level_estimate, min(1.0_wp, largest_correction*estimate_of_motion(result)))
+      result%level_estimate = max(result%level_estimate, min(1.0_wp, max_correction_ratio*estimate_of_motion(result)))
       if (allocated(result%output_estimate)) &
-         result%output_level_estimate = max(result%output_level_estimate, min(1.0_wp, largest_correction*result%output_estimate))
+         result%output_level_estimate = max(result%output_level_estimate, min(1.0_wp, max_correction_ratio*result%output_estimate))
    end subroutine raise_unchecked
 
    !> Error of a level: the estimated error of the quantities to which the tolerance applies; a penetration of walls
@@ -247,7 +248,7 @@ contains
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result
 
-      missing_in = max(estimate_of_wanted(result), margin*options%accuracy%tolerance*result%penetration_share)
+      missing_in = max(estimate_of_wanted(result), goal_share*options%accuracy%tolerance*result%penetration_share)
    end function missing_in
 
    !> Estimated error of a level according to the level below. The error of the motion of that level was the
@@ -257,7 +258,8 @@ contains
       real(wp), intent(in) :: estimate, estimate_below                !! of the two levels, from their own motions alone
       real(wp), intent(in) :: difference                              !! of their motions, relative
 
-      estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), largest_correction)))
+      estimate_by_levels = min(1.0_wp, estimate*max(1.0_wp, min(difference/max(estimate_below, tiny(1.0_wp)), &
+            max_correction_ratio)))
    end function estimate_by_levels
 
    !> Estimated error of a level according to the level above: at least the difference of the two. Under rigid laws errors fall so
@@ -304,7 +306,7 @@ contains
       do i = 1, size(estimates_below)
          difference = options%accuracy%outputs(i)%distance(lower_set, below(:, i), upper_set, above(:, i))
          associate (estimate => upper%output_estimate(i), by_levels => upper%output_level_estimate(i))
-            if (estimates_below(i) < reliable) &
+            if (estimates_below(i) < max_reliable_error) &
                by_levels = max(by_levels, estimate_by_levels(estimate, estimates_below(i), difference))
             by_levels = min(1.0_wp, max(by_levels, left*difference))
          end associate
@@ -320,7 +322,7 @@ contains
       real(wp) :: shrinking
 
       shrinking = (real(n_below, wp)/n_above)**(1.0_wp/n_tones)
-      share = caution
+      share = rigid_safety_factor
       if (shrinking < 1.0_wp) share = min(share, shrinking/(1.0_wp - shrinking))
    end function left_after
 
@@ -341,7 +343,8 @@ contains
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
             call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
                                self%solver%work_spent, compares, result)
-         if (result%reason == reason%tolerance .and. .not. allocated(result%message) .and. estimate_of_wanted(result) < minor) &
+         if (result%reason == reason%tolerance .and. .not. allocated(result%message) .and. &
+               estimate_of_wanted(result) < small_share) &
             result%message = trim(message_on_tolerance(estimate_of_wanted(result)))
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))

@@ -31,7 +31,7 @@ module hb_census
    use hb_solver_types, only: report_t, solver_config_t
    use hb_spectrum, only: new_spectrum
    use hb_system, only: coordinates_of
-   use hb_thresholds, only: agreement, faint, rounding, safety, same_motion
+   use hb_thresholds, only: equality_tolerance, estimate_safety, max_distance_of_same, negligible_share, rounding_level
    use hb_torus, only: samples_for
    use hb_tuple_choice, only: lowest_order
    implicit none
@@ -463,7 +463,7 @@ contains
       do copy = 1, n_copies(self, 2) - 1
          image = -shifted(x, self%here%harmonics, phases_of(self, copy, 2))
          call self%balance%residual(image, r)
-         if (.not. self%balance%norm(r) <= max(10.0_wp*before, rounding)) cycle
+         if (.not. self%balance%norm(r) <= max(10.0_wp*before, rounding_level)) cycle
          if (self%index_of(image) == 0) call self%add(image, start_kind%mirror)
       end do
    end subroutine try_mirror_images
@@ -493,7 +493,7 @@ contains
          if (copy > 0) moved(:, 1) = shifted(x, self%here%harmonics, phases_of(self, copy, 1))
          do i = 1, size(self%motions)
             found = i
-            if (.not. is_apart(self%motions(i)%x, moved, scale, faint)) return
+            if (.not. is_apart(self%motions(i)%x, moved, scale, negligible_share)) return
          end do
       end do
       found = 0
@@ -675,7 +675,8 @@ contains
                if (other%result%status == outcome%subharmonic) cycle
                known = coefficients_of(self, other%result)
                if (size(known) /= size(x)) cycle
-               if (norm2(x - known) > max(faint, safety*(estimate_of(motion%result) + estimate_of(other%result)))* &
+               if (norm2(x - known) > max(negligible_share, estimate_safety*(estimate_of(motion%result) + &
+                     estimate_of(other%result)))* &
                    max(norm2(x), norm2(known))) cycle
             end if
             other%n_random = other%n_random + motion%n_random
@@ -710,7 +711,7 @@ contains
       real(wp), allocatable :: there(:)
 
       allocate (there, source=transferred(level%set, self%here%harmonics, level%unknowns, self%here%harmonics%n_tones))
-      has_moved = is_apart(x, reshape(there(:size(x)), [size(x), 1]), self%scale(), same_motion)
+      has_moved = is_apart(x, reshape(there(:size(x)), [size(x), 1]), self%scale(), max_distance_of_same)
    end function has_moved
 
    !> Notes which motions are mirror images of earlier ones.
@@ -725,7 +726,7 @@ contains
          search: do copy = 1, n_copies(self, 2) - 1
             image(:, 1) = -shifted(motions(i)%x, self%here%harmonics, phases_of(self, copy, 2))
             do k = 1, i - 1
-               if (is_apart(motions(k)%x, image, scale, 10.0_wp*agreement)) cycle
+               if (is_apart(motions(k)%x, image, scale, 10.0_wp*equality_tolerance)) cycle
                motions(i)%mirror_of = k
                exit search
             end do

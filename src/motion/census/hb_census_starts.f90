@@ -20,7 +20,7 @@ module hb_census_starts
    use hb_kinds, only: int64, two_pi, wp
    use hb_lapack, only: dgeev, dgetrf, dgetrs
    use hb_problem, only: problem_t
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: negligible_share
    implicit none
    private
    public :: new_starts, start_kind, start_kind_names, starts_t
@@ -52,7 +52,7 @@ module hb_census_starts
    integer, parameter :: max_apart = 6                                ! coordinates of such a start
    real(wp), parameter :: spread_of_sizes = 0.5_wp, spread_near = 0.1_wp ! of their logarithms
    integer, parameter :: n_phases = 4                                 ! of a mode
-   real(wp), parameter :: smallest = 1.0e-3_wp, largest = 1.0e4_wp    ! motion of a guess, relative to the typical one
+   real(wp), parameter :: min_size_ratio = 1.0e-3_wp, max_size_ratio = 1.0e4_wp ! motion of a guess, relative to the typical one
    real(wp), parameter :: size_ratio = 1.5_wp                         ! of consecutive sizes
    integer, parameter :: mean_steps = 40                              ! of Newton's method for an equilibrium
 
@@ -293,9 +293,9 @@ contains
 
       n = 0
       sizes = 0.0_wp
-      a = smallest
+      a = min_size_ratio
       before = 0.0_wp
-      do while (a <= largest .and. n < size(sizes))
+      do while (a <= max_size_ratio .and. n < size(sizes))
          there = x + a*direction
          call problem%residual(there, r)
          work = dot_product(direction, r)
@@ -353,7 +353,8 @@ contains
          integer :: j
 
          do j = 1, size(self%equilibria, 2)
-            if (norm2(found(at) - self%equilibria(at, j)) <= faint*max(norm2(found(at)), norm2(self%equilibria(at, j)))) return
+            if (norm2(found(at) - self%equilibria(at, j)) <= negligible_share*max(norm2(found(at)), norm2(self%equilibria(at, &
+                  j)))) return
          end do
          self%equilibria = reshape([self%equilibria, found], [size(found), size(self%equilibria, 2) + 1])
       end subroutine add
@@ -365,7 +366,7 @@ contains
       integer, intent(in) :: at(:)                                    !! positions of the mean values
       real(wp), intent(inout), contiguous :: x(:)
       logical, intent(out) :: is_found
-      real(wp), parameter :: tolerance = 1.0e-9_wp, small = 1.0e-7_wp ! relative; step of differences
+      real(wp), parameter :: max_residual = 1.0e-9_wp, step_ratio = 1.0e-7_wp ! relative; of differences
       real(wp), dimension(size(x)) :: r, there, trial
       real(wp) :: before, jacobian(size(at), size(at)), step(size(at), 1), now
       integer :: i, info, k, pivots(size(at))
@@ -375,11 +376,11 @@ contains
       before = norm2(r(at)/problem%r_scale(at))
       do i = 1, mean_steps
          if (.not. ieee_is_finite(before)) return
-         is_found = before <= tolerance
+         is_found = before <= max_residual
          if (is_found) return
          do k = 1, size(at)
             there = x
-            there(at(k)) = x(at(k)) + small*max(problem%x_scale(at(k)), abs(x(at(k))))
+            there(at(k)) = x(at(k)) + step_ratio*max(problem%x_scale(at(k)), abs(x(at(k))))
             call problem%residual(there, trial)
             jacobian(:, k) = (trial(at) - r(at))/(there(at(k)) - x(at(k)))
          end do
@@ -531,16 +532,16 @@ contains
    !> A random number between 0 and 1, both excluded.
    real(wp) function starts_number(self) result(number)
       class(starts_t), intent(inout) :: self
-      integer, parameter :: modulus(2) = [2147483563, 2147483399]
+      integer, parameter :: generator_moduli(2) = [2147483563, 2147483399]
       integer :: z
 
       self%state(1) = 40014*modulo(self%state(1), 53668) - 12211*(self%state(1)/53668)
-      if (self%state(1) < 0) self%state(1) = self%state(1) + modulus(1)
+      if (self%state(1) < 0) self%state(1) = self%state(1) + generator_moduli(1)
       self%state(2) = 40692*modulo(self%state(2), 52774) - 3791*(self%state(2)/52774)
-      if (self%state(2) < 0) self%state(2) = self%state(2) + modulus(2)
+      if (self%state(2) < 0) self%state(2) = self%state(2) + generator_moduli(2)
       z = self%state(1) - self%state(2)
-      if (z < 1) z = z + modulus(1) - 1
-      number = real(z, wp)/real(modulus(1), wp)
+      if (z < 1) z = z + generator_moduli(1) - 1
+      number = real(z, wp)/real(generator_moduli(1), wp)
    end function starts_number
 
    !> A normally distributed random number, by the transformation of Box and Muller.

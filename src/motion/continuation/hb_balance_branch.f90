@@ -39,7 +39,7 @@ module hb_balance_branch
    use hb_switch_extremes, only: extremes_of_switches
    use hb_switched_branch, only: has_switched_branch
    use hb_system, only: system_t
-   use hb_thresholds, only: faint, minor, next_to_none, rounding
+   use hb_thresholds, only: negligible_share, negligible_step, rounding_level, small_share
    implicit none
    private
    public :: balance_branch_t, find_motion
@@ -361,7 +361,7 @@ contains
       real(wp), intent(in) :: x(:)
       real(wp) :: units(size(x))
 
-      units = [self%weights*max(faint, norm2(x(:self%problem%n_unknowns)/self%weights)), &
+      units = [self%weights*max(negligible_share, norm2(x(:self%problem%n_unknowns)/self%weights)), &
                self%problem%parameter_scales(self%problem%which)]
    end function balance_branch_units_at
 
@@ -373,7 +373,7 @@ contains
 
       call self%problem%move_to_point(curve%x, is_possible)
       associate (n => self%problem%n_unknowns)
-         curve%largest = max(faint, curve%largest, norm2(curve%x(:n)/self%weights))
+         curve%largest = max(negligible_share, curve%largest, norm2(curve%x(:n)/self%weights))
          curve%units = [self%weights*curve%largest, self%problem%parameter_scales(self%problem%which)]
          curve%corrector%tolerance = max(self%problem%model%options%solver%tolerance, &
                                          2.0_wp*self%problem%balance_t%rounding_level(curve%x(:n)), &
@@ -431,8 +431,8 @@ contains
       logical, intent(in) :: is_first_branch
 
       has_jumped = .false.
-      if (curve%last%step <= next_to_none*curve%config%longest_step .or. self%is_rough) return
-      if (is_first_branch) has_jumped = abs(self%retained_doubling(curve)) <= faint
+      if (curve%last%step <= negligible_step*curve%config%longest_step .or. self%is_rough) return
+      if (is_first_branch) has_jumped = abs(self%retained_doubling(curve)) <= negligible_share
       if (has_jumped .or. self%n_further > 1) return                  ! unknown tones have no given phases
       has_jumped = has_switched_branch(self%problem, self%weights, curve)
    end function balance_branch_has_jumped
@@ -456,7 +456,7 @@ contains
                u(set%cos_at(h), :) = 0.0_wp
                if (set%sin_at(h) > 0) u(set%sin_at(h), :) = 0.0_wp
             end do
-            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. norm2(u) <= rounding*curve%largest
+            tone_vanishes = tone_vanishes .or. sum(u*before) <= 0.0_wp .or. norm2(u) <= rounding_level*curve%largest
          end do
       end associate
    end function balance_branch_tone_vanishes
@@ -709,7 +709,7 @@ contains
       end associate
       if (allocated(error)) return
       if (self%model%options%accuracy%is_on) call apply_safety_factor(self%model%system, result)
-      associate (unit => max(abs(point%x(size(point%x))), minor*abs(self%request%to - self%request%from)))
+      associate (unit => max(abs(point%x(size(point%x))), small_share*abs(self%request%to - self%request%from)))
          call add_error_of_bifurcation(self%problem%model, point%bifurcation, point%shift/unit, result)
          call add_error_of_graze(self%problem%model, [point%extreme, point%switch], point%shift/unit, result)
          if (.not. self%model%options%accuracy%is_on) return

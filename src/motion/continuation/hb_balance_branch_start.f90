@@ -5,7 +5,7 @@ submodule (hb_balance_branch) hb_balance_branch_start
    use hb_level, only: join, level_of
    use hb_outcome, only: is_integrated
    use hb_point, only: solve_point
-   use hb_thresholds, only: reliable
+   use hb_thresholds, only: max_reliable_error
    implicit none
 
 contains
@@ -54,7 +54,7 @@ contains
 
       is_accepted = .true.
       if (any(model%system%tones%is_unknown) .and. model%options%accuracy%is_on) then
-         is_accepted = estimate_of(result) < reliable
+         is_accepted = estimate_of(result) < max_reliable_error
          if (.not. is_accepted) &
             result%message = "no harmonic set within the limits represents this motion: it may have other tones, or none"
       end if

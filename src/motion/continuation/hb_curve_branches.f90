@@ -4,7 +4,7 @@ module hb_curve_branches
    use hb_curve_request, only: curve_request_t
    use hb_kinds, only: wp
    use hb_level, only: level_t
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: negligible_share
    implicit none
    private
    public :: branches_t, origin_t
@@ -107,9 +107,9 @@ contains
       do i = 1, size(self%origins)
          associate (origin => self%origins(i)%x)
             if (self%origins(i)%is_apart .or. i == branch) cycle
-            if (abs(origin(size(origin)) - x(n)) > faint*typical) cycle
+            if (abs(origin(size(origin)) - x(n)) > negligible_share*typical) cycle
             self%origins(i)%is_traced = self%origins(i)%is_traced .or. &
-               abs(norm2(origin(:size(origin) - 1)) - norm2(x(:n - 1))) <= faint*norm2(origin(:size(origin) - 1))
+               abs(norm2(origin(:size(origin) - 1)) - norm2(x(:n - 1))) <= negligible_share*norm2(origin(:size(origin) - 1))
          end associate
       end do
    end subroutine branches_trace

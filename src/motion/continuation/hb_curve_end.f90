@@ -13,7 +13,7 @@ module hb_curve_end
    use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
    use hb_text, only: rounded_to, to_text
-   use hb_thresholds, only: next_to_none, reliable
+   use hb_thresholds, only: max_reliable_error, negligible_step
    implicit none
    private
    public :: count_doubtful_steps, describe_end, end_at_fold, end_if_doubtful, returns_to_fold
@@ -22,7 +22,7 @@ module hb_curve_end
 
    integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
    integer, parameter :: max_exhausted = 10                           ! consecutive steps that use up the work of a point
-   real(wp), parameter :: far_above = 10.0_wp                         ! or in units of the tolerance: too large to go on
+   real(wp), parameter :: max_error_ratio = 10.0_wp                   ! or in units of the tolerance: too large to go on
    integer, parameter :: n_digits_of_lock = 6                         ! an extrapolated value has no more
 
 contains
@@ -56,7 +56,7 @@ contains
       character(500) :: fault
 
       associate (n => size(curve%x))
-         fault = followed%fault_near(curve%x(n), next_to_none*curve%units(n))
+         fault = followed%fault_near(curve%x(n), negligible_step*curve%units(n))
          result%status = curve%status
          result%reason = reason%lost_curve
          if (len_trim(fault) > 0) then
@@ -106,8 +106,9 @@ contains
       real(wp), intent(in) :: estimate
       type(accuracy_t), intent(in) :: accuracy
 
-      is_unreliable = estimate >= reliable
-      if (accuracy%is_on .and. accuracy%grows_set) is_unreliable = estimate >= min(far_above*accuracy%tolerance, reliable)
+      is_unreliable = estimate >= max_reliable_error
+      if (accuracy%is_on .and. accuracy%grows_set) is_unreliable = estimate >= min(max_error_ratio*accuracy%tolerance, &
+            max_reliable_error)
    end function is_unreliable
 
    !> The end of a branch that has come back to a fold.

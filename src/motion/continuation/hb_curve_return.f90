@@ -7,7 +7,7 @@ module hb_curve_return
    use hb_level, only: level_of, level_t, transferred
    use hb_motion_result, only: curve_position_t
    use hb_point_kinds, only: curve_kind
-   use hb_thresholds, only: clearly, faint
+   use hb_thresholds, only: certainty_factor, negligible_share
    implicit none
    private
    public :: note_course, restore_course
@@ -50,10 +50,10 @@ contains
       real(wp), intent(in) :: length                                  !! of the arc up to there
       real(wp) :: near, there(size(x))
 
-      near = faint
+      near = negligible_share
       associate (accuracy => followed%model%options%accuracy, passed => course%folds(i))
          if (accuracy%is_on) near = max(near, accuracy%tolerance)
-         is_at_fold = length - passed%length > clearly*near
+         is_at_fold = length - passed%length > certainty_factor*near
          if (.not. is_at_fold) return
          there = transferred(passed%level%set, followed%level%set, passed%x, followed%n_further)
          call followed%bring_near(x, there)

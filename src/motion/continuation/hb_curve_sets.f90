@@ -16,7 +16,7 @@ module hb_curve_sets
    use hb_followed, only: curve_state_t, followed_t, step_accuracy_t
    use hb_harmonics, only: harmonics_t, new_box
    use hb_kinds, only: wp
-   use hb_level, only: choose_next, choose_smaller, estimate_of, join, level_t, margin, max_failures, min_goal, transferred
+   use hb_level, only: choose_next, choose_smaller, estimate_of, goal_share, join, level_t, max_failures, min_goal, transferred
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
    use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
@@ -305,7 +305,7 @@ contains
    logical function refined_curve_is_accurate(self) result(is_accurate)
       class(refined_curve_t), intent(inout) :: self
 
-      is_accurate = self%estimate <= margin*self%followed%model%options%accuracy%tolerance
+      is_accurate = self%estimate <= goal_share*self%followed%model%options%accuracy%tolerance
    end function refined_curve_is_accurate
 
    logical function refined_curve_is_over(self) result(is_over)

@@ -10,7 +10,7 @@ module hb_curve_step
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind
-   use hb_thresholds, only: next_to_none
+   use hb_thresholds, only: negligible_step
    implicit none
    private
    public :: max_chord, step
@@ -91,7 +91,7 @@ contains
       ends = [followed%request%from, followed%request%to]
       do i = 1, size(ends)
          gap = ends(i) - curve%x(n)
-         if (abs(gap) > next_to_none*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
+         if (abs(gap) > negligible_step*curve%units(n) .or. .not. gap*curve%direction(n) > 0.0_wp) cycle
          x = curve%x + gap/curve%direction(n)*curve%direction
          x(n) = ends(i)
          call curve%correct_at_value(x, is_there)

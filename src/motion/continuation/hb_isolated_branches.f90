@@ -17,7 +17,7 @@ module hb_isolated_branches
    use hb_outcome, only: outcome
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_thresholds, only: faint, safety
+   use hb_thresholds, only: estimate_safety, negligible_share
    implicit none
    private
    public :: find_other, search_separate
@@ -129,7 +129,7 @@ contains
       if (allocated(error)) return
       x(size(x)) = value
       is_accepted = is_other(x, motions_of(self, known), self%problem%model%discretisation%harmonics, self%problem%x_scale, &
-                             safety*self%model%options%accuracy%tolerance)
+                             estimate_safety*self%model%options%accuracy%tolerance)
    end subroutine accept
 
    !> Motions on the present set, and their shifts by periods of the loads.
@@ -183,7 +183,7 @@ contains
          end if
          x = guessed
          call solve_newton(problem, config, x, report)
-         is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
+         is_found = report%status == outcome%converged .and. is_apart(x, known, scale, negligible_share)
          if (is_found .or. work_is_over()) return
          if (size(known, 2) == 0) cycle
          x = guessed

@@ -11,7 +11,7 @@ module hb_load_branch
    use hb_outcome, only: outcome
    use hb_problem, only: deformation, problem_t
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_thresholds, only: faint
+   use hb_thresholds, only: negligible_share
    implicit none
    private
    public :: follow_loads
@@ -62,7 +62,7 @@ contains
          if ((curve%x(n + 1) - 1.0_wp)*(curve%last%x(n + 1) - 1.0_wp) < 0.0_wp) then
             call solve_at_loads(problem, config, curve, there, is_solution)
             if (is_solution) found = reshape([found, there], [n, size(found, 2) + 1])
-            if (is_solution) is_solution = .not. is_apart(there, reshape(x, [n, 1]), scale, faint)
+            if (is_solution) is_solution = .not. is_apart(there, reshape(x, [n, 1]), scale, negligible_share)
             if (is_solution) exit                                     ! the branch is closed
          end if
          if (curve%x(n + 1) < min_load_factor .or. curve%x(n + 1) > max_load_factor) exit

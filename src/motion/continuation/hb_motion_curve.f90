@@ -21,7 +21,7 @@ module hb_motion_curve
    use hb_error, only: error_t
    use hb_followed, only: followed_t, step_accuracy_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, level_of, level_t, margin
+   use hb_level, only: estimate_of, goal_share, level_of, level_t
    use hb_level_stability, only: allow_for_departure
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -508,7 +508,7 @@ contains
       associate (accuracy => self%followed%model%options%accuracy, kind => curve_kinds(point%kind))
          if (.not. accuracy%is_on .or. result%status /= outcome%converged) return
          if (kind%is_bifurcation .or. point%kind == curve_kind%fold .or. point%is_crossing) return
-         if (estimate_of(result) <= margin*accuracy%tolerance .or. .not. self%followed%may_jump_within_period) return
+         if (estimate_of(result) <= goal_share*accuracy%tolerance .or. .not. self%followed%may_jump_within_period) return
          call describe(self, point, compared, error, compares_in_time=.true.)
          if (.not. allocated(error)) call allow_for_departure(compared%departure, accuracy%tolerance, result)
       end associate

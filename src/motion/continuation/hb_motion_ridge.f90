@@ -23,7 +23,7 @@ module hb_motion_ridge
    use hb_system, only: measure_of, system_t
    use hb_text, only: to_text
    use hb_threads, only: use_threads
-   use hb_thresholds, only: next_to_none
+   use hb_thresholds, only: negligible_step
    implicit none
    private
    public :: motion_ridge_t
@@ -209,7 +209,7 @@ contains
             if (allocated(error) .or. is_found) exit
             if (work_is_over()) exit
             self%step = 0.5_wp*min(self%step, abs(value - self%value)/request%moving%typical)
-            if (self%step < next_to_none*request%longest_step) exit
+            if (self%step < negligible_step*request%longest_step) exit
          end do
          if (is_found) then
             self%step = min(request%longest_step, 1.5_wp*self%step)

@@ -4,7 +4,7 @@ module hb_switched_branch
    use hb_curve, only: curve_t, event_t
    use hb_kinds, only: wp
    use hb_outcome, only: outcome
-   use hb_thresholds, only: agreement, faint
+   use hb_thresholds, only: equality_tolerance, negligible_share
    implicit none
    private
    public :: has_switched_branch, max_change
@@ -61,7 +61,7 @@ contains
                passed = passed_t(cos=d*set%n_coefficients + set%cos_at(h), sin=d*set%n_coefficients + set%sin_at(h))
                passed%before = passed%of(curve%last%x, weights)
                passed%behind = passed%of(curve%x, weights)
-               if (passed%largest() < faint*size_of_motion) cycle
+               if (passed%largest() < negligible_share*size_of_motion) cycle
                if (abs(passed%before - passed%behind) <= passed%largest()) cycle
                share = passed%nearest_to_zero()
                if (share <= 0.0_wp .or. share >= 1.0_wp .or. any(abs(middles - share) < 0.1_wp)) cycle
@@ -103,7 +103,7 @@ contains
       event%cos = passed%cos
       event%sin = passed%sin
       event%weight = conjg(passed%behind - passed%before)/(abs(passed%behind - passed%before)*passed%largest()*weights(passed%cos))
-      event%tolerance = agreement
+      event%tolerance = equality_tolerance
    end function zero_of
 
    !> The coefficient at a point of the curve.

@@ -13,7 +13,7 @@ module hb_bifurcation_location
    use hb_multiplier_meetings, only: by_angle, meeting
    use hb_point_kinds, only: curve_kind
    use hb_stability, only: max_multipliers, stability_t
-   use hb_thresholds, only: agreement, clearly, minor, rounding, sharp
+   use hb_thresholds, only: certainty_factor, equality_tolerance, location_tolerance, rounding_level, small_share
    implicit none
    private
    public :: add_branches, bifurcation_event_t, find_bifurcations, n_outside
@@ -23,7 +23,7 @@ module hb_bifurcation_location
 
    integer, parameter :: max_divisions = 6                            ! of a piece
    integer, parameter :: max_halvings = 4                             ! of them
-   real(wp), parameter :: max_travel = 0.25_wp                        ! movement within which two multipliers may meet and part
+   real(wp), parameter :: max_multiplier_travel = 0.25_wp             ! movement within which two multipliers may meet and part
 
    !> Part of the step without grazes; at grazes multipliers may jump.
    type :: piece_t
@@ -65,9 +65,11 @@ contains
          piece%stability = [search%at_start%stability, search%at_end%stability]
          associate (tolerance => search%followed%model%options%stability%tolerance, length => search%curve%last%step)
             if (i > 0) &
-               call evaluate_stability_at(search, grazes(i) + agreement*length, tolerance, piece%ends(1), piece%stability(1))
+               call evaluate_stability_at(search, grazes(i) + equality_tolerance*length, tolerance, piece%ends(1), &
+                     piece%stability(1))
             if (i < size(grazes)) &
-               call evaluate_stability_at(search, grazes(i + 1) - agreement*length, tolerance, piece%ends(2), piece%stability(2))
+               call evaluate_stability_at(search, grazes(i + 1) - equality_tolerance*length, tolerance, piece%ends(2), &
+                     piece%stability(2))
          end associate
          if (.not. piece%ends(1) < piece%ends(2)) cycle
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) then
@@ -78,7 +80,7 @@ contains
          if (.not. (piece%stability(1)%resolves_circle() .and. piece%stability(2)%resolves_circle())) cycle
          if (is_branch_known(search)) call find_pair_of_branches(search, piece)
          call find_on_piece(search, piece, merge(max_divisions, 0, are_all_stored(piece)), &
-                            movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > max_travel)
+                            movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers) > max_multiplier_travel)
       end do
    end subroutine find_bifurcations
 
@@ -134,7 +136,8 @@ contains
          logical :: move_far
          integer :: k
 
-         move_far = maxval([(movement(parts(k)%stability(1)%multipliers, parts(k)%stability(2)%multipliers), k=1, 2)]) > max_travel
+         move_far = maxval([(movement(parts(k)%stability(1)%multipliers, parts(k)%stability(2)%multipliers), k=1, &
+               2)]) > max_multiplier_travel
          do k = 1, 2
             call find_on_piece(search, parts(k), n_divisions - 1, move_far)
          end do
@@ -146,7 +149,7 @@ contains
       type(search_t), intent(in) :: search
       type(piece_t), intent(in) :: piece
 
-      reach = max_travel
+      reach = max_multiplier_travel
       if (search%at_start%speed >= 0.0_wp) reach = search%at_start%speed*(piece%ends(2) - piece%ends(1))
       reach = max(reach, movement(piece%stability(1)%multipliers, piece%stability(2)%multipliers))
    end function reach_on
@@ -215,10 +218,10 @@ contains
 
       if (.not. allocated(there%multipliers)) return
       associate (tolerance => max(search%followed%model%options%stability%tolerance, there%noise))
-         if (minval(abs(abs(there%multipliers) - 1.0_wp)) > clearly*tolerance .and. there%resolves_circle()) return
+         if (minval(abs(abs(there%multipliers) - 1.0_wp)) > certainty_factor*tolerance .and. there%resolves_circle()) return
       end associate
-      if (clearly*epsilon(1.0_wp)*maxval(abs(there%multipliers)) >= minor) return   ! nor sharply
-      call evaluate_stability_at(search, position, sharp, same_position, better)
+      if (certainty_factor*epsilon(1.0_wp)*maxval(abs(there%multipliers)) >= small_share) return ! nor sharply
+      call evaluate_stability_at(search, position, location_tolerance, same_position, better)
       if (.not. allocated(better%multipliers)) return
       there%multipliers = better%multipliers
       there%noise = better%noise
@@ -238,8 +241,8 @@ contains
          if (kind == bifurcation%branch .and. is_branch_known(search)) cycle
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
-         if (minval(abs(at_ends)) <= rounding) cycle
-         change = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind)
+         if (minval(abs(at_ends)) <= rounding_level) cycle
+         change = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind)
          if (at_ends(1)*at_ends(2) < 0.0_wp) then
             call find_zeros(search, change, piece%ends, at_ends, [real(wp) ::], points)
          else
@@ -263,7 +266,7 @@ contains
 
       if (size(search%folds, 2) > 0 .or. search%has_branched) return
       at_ends = [(bifurcation_value(bifurcation%branch, piece%stability(i)%multipliers), i=1, 2)]
-      if (minval(abs(at_ends)) <= rounding .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
+      if (minval(abs(at_ends)) <= rounding_level .or. .not. at_ends(1)*at_ends(2) > 0.0_wp) return
       if (piece%ends(2) - piece%ends(1) < search%curve%last%step) return
       if (is_branch(piece%stability(1)%multipliers) .and. is_branch(piece%stability(2)%multipliers)) then
          call find_place_between(search, bifurcation%branch, piece, at_ends, middle, is_found)
@@ -321,7 +324,7 @@ contains
                                                                                                  piece%stability(2)%multipliers)]
       between = parabola_between(products, bifurcation_product(kind, there%multipliers))
       if (.not. may_change_sign(products, between)) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind, is_product=.true.)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind, is_product=.true.)
       call find_other_sign(search%curve, change, piece%ends, products, between, position, value, is_found)
    end subroutine find_place_between
 
@@ -349,15 +352,17 @@ contains
          if (number%n == n_last) return
          call find_zeros(search, number, [begin, piece%ends(2)], [1.0_wp, -1.0_wp], [real(wp) ::], points)
          if (size(points) == 0) return
-         call search%followed%find_stability(points(1)%x, sharp, there)
+         call search%followed%find_stability(points(1)%x, location_tolerance, there)
          if (.not. allocated(there%multipliers)) return
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(search))
             points%kind = kind_of(kind)
-            if (abs(abs(nearest) - 1.0_wp) <= agreement .and. is_new) call add_bifurcations(search, kind, piece%ends, points)
+            if (abs(abs(nearest) - 1.0_wp) <= equality_tolerance .and. is_new) call add_bifurcations(search, kind, piece%ends, &
+                  points)
          end associate
-         call evaluate_stability_at(search, min(piece%ends(2), points(1)%position + rounding*search%curve%last%step), sharp, &
+         call evaluate_stability_at(search, min(piece%ends(2), points(1)%position + rounding_level*search%curve%last%step), &
+               location_tolerance, &
                                     begin, there)
          if (.not. allocated(there%multipliers)) return
          number%n = n_outside(there)
@@ -414,7 +419,7 @@ contains
       do i = 1, size(points)
          point = points(i)
          if (kind == bifurcation%torus) then
-            call search%followed%find_stability(point%x, sharp, there)
+            call search%followed%find_stability(point%x, location_tolerance, there)
             if (.not. allocated(there%multipliers)) cycle
             if (.not. is_torus(there%multipliers)) cycle
          end if
@@ -462,11 +467,11 @@ contains
       real(wp) :: beside, function_there, x(size(search%curve%x))
       logical :: is_on_curve
 
-      beside = minor*search%curve%last%step
+      beside = small_share*search%curve%last%step
       if (found%position + beside > piece(2)) beside = -min(beside, 0.5_wp*(found%position - piece(1)))
       call search%curve%point_at(found%position + beside, x, is_on_curve)
       if (.not. is_on_curve) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind)
+      change = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind)
       function_there = change%value(search%curve, x)
       if (.not. abs(function_there) > 0.0_wp) return
       found%bifurcation = kind
@@ -489,7 +494,7 @@ contains
       is_there = .not. search%followed%has_integrated_multipliers
       if (is_there) return
       associate (curve => search%curve)
-         integrated = bifurcation_event_t(kind_of(kind), .false., rounding, search%followed, kind, .true.)
+         integrated = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind, .true.)
          do i = -3, 0                                                ! decades of the step
             ends = min(max(found%position + 10.0_wp**i*curve%last%step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
@@ -535,7 +540,7 @@ contains
       real(wp), intent(in) :: x(:)
       type(stability_t) :: there
 
-      call self%followed%find_stability(x, sharp, there, self%is_integrated)
+      call self%followed%find_stability(x, location_tolerance, there, self%is_integrated)
       value = ieee_value(value, ieee_quiet_nan)
       if (.not. allocated(there%multipliers)) return
       if (self%is_product) then
@@ -552,7 +557,7 @@ contains
       type(stability_t) :: there
 
       value = ieee_value(value, ieee_quiet_nan)
-      call self%followed%find_stability(x, sharp, there)
+      call self%followed%find_stability(x, location_tolerance, there)
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function number_event_value
 
@@ -560,6 +565,6 @@ contains
    pure integer function n_outside(stability)
       type(stability_t), intent(in) :: stability
 
-      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding)
+      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding_level)
    end function n_outside
 end module hb_bifurcation_location

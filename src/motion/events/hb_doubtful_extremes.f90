@@ -11,7 +11,7 @@ module hb_doubtful_extremes
    use hb_outcome, only: outcome
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_stability, only: stability_method, stability_t
-   use hb_thresholds, only: max_bisections, safety
+   use hb_thresholds, only: estimate_safety, max_bisections
    implicit none
    private
    public :: remove_doubtful_extremes
@@ -188,12 +188,12 @@ contains
       has_error = .true.
       do i = 0, max_bisections
          fall = extreme%sense*(extreme%value - function_at(followed, extreme%response, beside%x))
-         if (abs(fall) >= safety*extreme%error .and. .not. has_error) then
+         if (abs(fall) >= estimate_safety*extreme%error .and. .not. has_error) then
             call raise_error(followed, curve, extreme, beside%x, error)           ! here alone, where it decides
             if (allocated(error)) return
          end if
-         if (fall >= safety*extreme%error) exit
-         is_clear = fall >= -safety*extreme%error
+         if (fall >= estimate_safety*extreme%error) exit
+         is_clear = fall >= -estimate_safety*extreme%error
          if (i == 0 .and. .not. is_clear) then
             call fall_on_step(followed, curve, extreme, position, side, is_clear)
             if (is_clear) exit
@@ -229,8 +229,8 @@ contains
          call curve%point_at(position + (limit - position)*0.5_wp**i, x, is_clear)
          if (.not. is_clear) return
          fall = extreme%sense*(extreme%value - function_at(followed, extreme%response, x))
-         is_clear = fall >= safety*extreme%error .and. fall > 0.0_wp
-         if (is_clear .or. fall < -safety*extreme%error) return
+         is_clear = fall >= estimate_safety*extreme%error .and. fall > 0.0_wp
+         if (is_clear .or. fall < -estimate_safety*extreme%error) return
       end do
    end subroutine fall_on_step
 end module hb_doubtful_extremes

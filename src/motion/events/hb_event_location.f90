@@ -13,7 +13,7 @@ module hb_event_location
    use hb_kinds, only: wp
    use hb_located_response, only: located_response_t
    use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_thresholds, only: agreement, faint, minor, rounding
+   use hb_thresholds, only: equality_tolerance, negligible_share, rounding_level, small_share
    implicit none
    private
    public :: find_events, response_event_t
@@ -120,7 +120,7 @@ contains
             unit = search%followed%unit_of_function(response, search%curve%x)
             if (.not. unit > 0.0_wp) cycle
             ! Where branches cross by symmetry the slope is zero: half of its digits are rounding of the null vector.
-            if (is_at_origin(search) .and. abs(values(1)) <= agreement*abs(values(2))) cycle
+            if (is_at_origin(search) .and. abs(values(1)) <= equality_tolerance*abs(values(2))) cycle
             call find_zeros(search, response_event_t(response%kind, curve_kinds(response%kind)%is_extreme, rounding_of(search), &
                                                      search%followed, response, unit), whole_step(search), values/unit, &
                             between/unit, points)
@@ -227,7 +227,8 @@ contains
 
          is_repeated = point%switch == k .and. point%extreme == 2 .and. &
                        any(search%found%switch == k .and. search%found%extreme == 1 .and. &
-                           abs(search%found%position - point%position) <= max(rounding, agreement*search%curve%last%step))
+                           abs(search%found%position - point%position) <= max(rounding_level, equality_tolerance* &
+                                 search%curve%last%step))
       end function is_repeated
    end subroutine find_grazes
 
@@ -242,10 +243,10 @@ contains
       logical :: is_on_curve
 
       do side = -1, 1, 2
-         beside = side*minor*search%curve%last%step
+         beside = side*small_share*search%curve%last%step
          if (side < 0) beside = max(beside, -0.5_wp*found%position)
          if (side > 0) beside = min(beside, 0.5_wp*(search%curve%last%step - found%position))
-         if (abs(beside) < faint*search%curve%last%step) cycle          ! differences would show rounding errors
+         if (abs(beside) < negligible_share*search%curve%last%step) cycle ! differences would show rounding errors
          call search%curve%point_at(found%position + beside, x, is_on_curve)
          if (.not. is_on_curve) cycle
          change = graze%unit*graze%value(search%curve, x)
@@ -291,7 +292,7 @@ contains
 
          belongs_to_junction = (curve_kinds(point%kind)%is_extreme .or. &
                                 any(point%kind == [curve_kind%branch, curve_kind%symmetry_breaking])) .and. &
-                               abs(point%position - position) <= minor*search%curve%last%step
+                               abs(point%position - position) <= small_share*search%curve%last%step
       end function belongs_to_junction
    end subroutine find_return
 
@@ -305,10 +306,10 @@ contains
       integer :: i
 
       share = search%followed%retained_doubling(search%curve)
-      is_there = share <= faint
+      is_there = share <= negligible_share
       if (.not. is_there) return
       i = findloc(search%found%kind, curve_kind%fold, dim=1)
-      is_there = i > 0 .or. share >= -faint
+      is_there = i > 0 .or. share >= -negligible_share
       x = search%curve%x
       position = search%curve%last%step
       if (i == 0) return
@@ -334,10 +335,10 @@ contains
             associate (gap => (x - curve%last%x)/units, direction => curve%last%direction/units)
                position = dot_product(gap, direction)/norm2(direction)
                if (position <= 0.0_wp .or. position > curve%last%step) cycle
-               if (norm2(gap - position*direction/norm2(direction)) > minor*curve%last%step) cycle
+               if (norm2(gap - position*direction/norm2(direction)) > small_share*curve%last%step) cycle
             end associate
             is_there = any([(search%found(i)%kind == curve_kind%fold .and. &
-                             abs(search%found(i)%position - position) <= minor*curve%last%step, i=1, size(search%found))])
+                             abs(search%found(i)%position - position) <= small_share*curve%last%step, i=1, size(search%found))])
             if (is_there) return
          end do
       end associate
@@ -381,8 +382,8 @@ contains
    pure logical function same_change(before, after)
       real(wp), intent(in) :: before(2), after(2)
 
-      same_change = abs(before(2) - before(1)) <= rounding*maxval(abs(before)) .and. &
-         abs(after(2) - after(1)) <= rounding*maxval(abs(after))
+      same_change = abs(before(2) - before(1)) <= rounding_level*maxval(abs(before)) .and. &
+         abs(after(2) - after(1)) <= rounding_level*maxval(abs(after))
    end function same_change
 
    !> Whether the curve has returned to its start, after steps that led away from it. Its phases may differ.
@@ -400,7 +401,7 @@ contains
          associate (gap => (there - curve%last%x)/units, direction => curve%last%direction/units)
             along = dot_product(gap, direction)/norm2(direction)
             if (along <= 0.0_wp .or. along > curve%last%step) return
-            if (norm2(gap - along*direction/norm2(direction)) > minor*curve%last%step) return
+            if (norm2(gap - along*direction/norm2(direction)) > small_share*curve%last%step) return
             is_at_start = dot_product(direction_there/units, direction) > 0.0_wp
          end associate
       end associate

@@ -9,7 +9,7 @@ module hb_event_search
    use hb_followed, only: followed_t
    use hb_kinds, only: wp
    use hb_point_kinds, only: curve_kind, curve_kinds
-   use hb_thresholds, only: next_to_none, sharp
+   use hb_thresholds, only: location_tolerance, negligible_step
    use hb_unlocated_events, only: describe_unlocated
    implicit none
    private
@@ -140,7 +140,7 @@ contains
       point%kind = event%kind
       call search%curve%find_zero(sought, piece, at_ends, point%x, point%position, is_found)
       search%is_lost = search%is_lost .or. .not. is_found
-      if (is_at_origin(search)) is_found = is_found .and. point%position > next_to_none*search%curve%last%step
+      if (is_at_origin(search)) is_found = is_found .and. point%position > negligible_step*search%curve%last%step
       if (is_found) points = [points, point]
    end subroutine add_zero
 
@@ -156,7 +156,7 @@ contains
    pure real(wp) function rounding_of(search)
       type(search_t), intent(in) :: search
 
-      rounding_of = max(sharp, 10.0_wp*search%curve%corrector%tolerance)
+      rounding_of = max(location_tolerance, 10.0_wp*search%curve%corrector%tolerance)
    end function rounding_of
 
    !> Whether the step begins at the origin of this branch, a branch point or a separate motion.

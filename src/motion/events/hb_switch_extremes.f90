@@ -14,8 +14,8 @@ module hb_switch_extremes
 
    integer, parameter :: largest_grid = 16384                         ! phases
    integer, parameter :: min_phases_of_tone = 5                       ! phases of a tone, where all together are too many
-   real(wp), parameter :: far_from_zero = 0.25_wp                     ! from zero, relative to the range of the values
-   real(wp), parameter :: rival_distance = 0.25_wp                    ! of the range: so close to the best one, others are tried
+   real(wp), parameter :: min_distance_from_zero = 0.25_wp            ! from zero, relative to the range of the values
+   real(wp), parameter :: max_rival_distance = 0.25_wp                ! of the range: so close to the best one, others are tried
    integer, parameter :: max_rivals = 12
    integer, parameter :: max_rounds = 40                              ! of Newton's method
    real(wp), parameter :: smallest_width = 1.0e-4_wp                  ! [rad] of differences: less would show rounding errors only
@@ -138,8 +138,8 @@ contains
 
       extreme = maxval(values)
       associate (range => maxval(values) - minval(values))
-         if (abs(extreme) > far_from_zero*range) return
-         is_left = values >= extreme - rival_distance*range
+         if (abs(extreme) > min_distance_from_zero*range) return
+         is_left = values >= extreme - max_rival_distance*range
       end associate
       do i = 1, merge(0, size(values), any(each == 0))
          if (is_left(i)) is_left(i) = is_local_extreme(each, values, i)

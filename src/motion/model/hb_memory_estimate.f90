@@ -38,7 +38,7 @@ module hb_memory_estimate
       type(solver_config_t) :: solver
    end type sizes_t
 
-   real(wp), parameter :: of_program = 50.0e6_wp                      ! MPI, HDF5 and the program itself, measured
+   real(wp), parameter :: program_bytes = 50.0e6_wp                   ! MPI, HDF5 and the program itself, measured
 
    !> Bytes, by part.
    type :: memory_estimate_t
@@ -94,7 +94,7 @@ contains
    pure real(wp) function memory_estimate_usual(self)
       class(memory_estimate_t), intent(in) :: self
 
-      memory_estimate_usual = of_program + self%structure + self%linear + self%samples + self%results + &
+      memory_estimate_usual = program_bytes + self%structure + self%linear + self%samples + self%results + &
                               max(self%tangent, self%error_estimate)
    end function memory_estimate_usual
 
@@ -102,7 +102,7 @@ contains
    pure real(wp) function memory_estimate_worst(self)
       class(memory_estimate_t), intent(in) :: self
 
-      memory_estimate_worst = max(self%usual(), of_program + self%structure + self%linear + self%samples + self%results + &
+      memory_estimate_worst = max(self%usual(), program_bytes + self%structure + self%linear + self%samples + self%results + &
                                   self%fallback)
    end function memory_estimate_worst
 

@@ -152,11 +152,11 @@ contains
       real(wp), intent(in) :: n_harmonics
       logical, intent(in) :: of_interior !! the data for the motion of all degrees of freedom are stored
 
-      real(wp), parameter :: columns = 8.0_wp                          ! of all degrees of freedom, for each harmonic
+      real(wp), parameter :: columns_per_harmonic = 8.0_wp             ! of all degrees of freedom, for each harmonic
       real(wp) :: of_stiffness
 
       if (s%is_whole) then
-         linear_bytes = real_bytes*columns*n_harmonics*(s%n_dofs + s%n_coordinates)
+         linear_bytes = real_bytes*columns_per_harmonic*n_harmonics*(s%n_dofs + s%n_coordinates)
          return
       end if
       associate (l => s%n_coordinates, n_interior => s%n_dofs - s%n_coordinates)

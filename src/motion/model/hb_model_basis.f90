@@ -15,9 +15,9 @@ module hb_model_basis
    use hb_torus, only: torus_t
    implicit none
    private
-   public :: asymmetry, even_part, find_basis, half_of_odd, is_solved_odd, max_even, why_not_odd
+   public :: asymmetry, even_part, find_basis, half_of_odd, is_solved_odd, max_even_share, why_not_odd
 
-   real(wp), parameter :: max_even = 1.0e-10_wp                      !! negligible even part of a motion, relative; 1e-9 would
+   real(wp), parameter :: max_even_share = 1.0e-10_wp                !! negligible even part of a motion, relative; 1e-9 would
                                                                       !! take curves beside branch points for symmetric ones
 
 contains
@@ -36,7 +36,7 @@ contains
       is_odd = is_solved_odd(system, discretisation, options)
       if (is_odd .and. present(guess) .and. discretisation%symmetry == symmetry%auto) then
          associate (n => discretisation%harmonics%n_coefficients, n_all => size(guess) - system%tones%n_tones)
-            is_odd = even_part(discretisation%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= max_even
+            is_odd = even_part(discretisation%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= max_even_share
          end associate
       end if
       if (is_odd) then

@@ -6,10 +6,10 @@ module hb_reduced_base
    use hb_system, only: system_t
    implicit none
    private
-   public :: grid_share, may_change_base, reduced_base, smallest_grid, worth_it
+   public :: grid_share, max_grid_ratio, may_change_base, min_grid, reduced_base
 
-   integer, parameter :: smallest_grid = 4096                         !! samples, below which nothing is gained
-   real(wp), parameter :: worth_it = 0.6_wp                           !! samples, relative to those of the given base
+   integer, parameter :: min_grid = 4096                              !! samples, below which nothing is gained
+   real(wp), parameter :: max_grid_ratio = 0.6_wp                     !! samples, relative to those of the given base
 
 contains
 
@@ -23,11 +23,11 @@ contains
 
       if (asserts_are_on) call assert(size(n_samples) == size(tuples, 1), "grid_share", "samples of each tone")
       share = 1.0_wp
-      if (product(real(n_samples, wp)) < smallest_grid) return
+      if (product(real(n_samples, wp)) < min_grid) return
       if (.not. may_change_base(system, options)) return
       call reduced_base(tuples, matrix, inverse)
       share = product((2.0_wp*maxval(abs(matmul(matrix, tuples)), dim=2) + 1.0_wp)/(2.0_wp*maxval(abs(tuples), dim=2) + 1.0_wp))
-      if (share > worth_it) share = 1.0_wp
+      if (share > max_grid_ratio) share = 1.0_wp
    end function grid_share
 
    !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do unknown

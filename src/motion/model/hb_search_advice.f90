@@ -16,9 +16,9 @@ module hb_search_advice
    private
    public :: advise_on_search, circumstances_t, find_circumstances, limit_of
 
-   real(wp), parameter :: stiff_contact_ratio = 100.0_wp ! contact relative to the structure: lower limit of a difficult model
-   real(wp), parameter :: hardly_sliding = 1.5_wp                     ! motion relative to the sticking displacement of a slider
-   real(wp), parameter :: steep_friction_ratio = 1.0e4_wp             ! speed relative to that over which friction is smoothed
+   real(wp), parameter :: min_contact_ratio = 100.0_wp   ! contact relative to the structure: lower limit of a difficult model
+   real(wp), parameter :: max_slip_ratio = 1.5_wp                     ! motion relative to the sticking displacement of a slider
+   real(wp), parameter :: min_speed_ratio = 1.0e4_wp                  ! speed relative to that over which friction is smoothed
    character(*), parameter :: smoothing(2) = [character(13) :: "velocity", "slip_velocity"]        ! keys of this speed [m/s]
    real(wp), parameter :: closed_contact_ratio = 1.0e3_wp ! motion relative to a law's length at which its contact is closed
 
@@ -151,8 +151,8 @@ contains
 
       n = n_advice(list)
       associate (c => circumstances)
-         if (c%stiffness_ratio >= stiff_contact_ratio) call add(advice%stiff_contact, c%contact, [c%stiffness_ratio])
-         if (c%slip_ratio < hardly_sliding) call add(advice%hardly_slipping, c%slider, [c%slip_ratio])
+         if (c%stiffness_ratio >= min_contact_ratio) call add(advice%stiff_contact, c%contact, [c%stiffness_ratio])
+         if (c%slip_ratio < max_slip_ratio) call add(advice%hardly_slipping, c%slider, [c%slip_ratio])
          if (is_steep(c)) call add(advice%steep_friction, c%friction, [c%smoothing, c%speed])
          if (allocated(c%combination)) call list%add(advice%slow_combination, [real(wp) :: c%combination_frequency, c%combination])
          if (report%status == outcome%singular) call list%add(advice%singular_tangent)
@@ -178,7 +178,7 @@ contains
    pure logical function is_steep(circumstances)
       type(circumstances_t), intent(in) :: circumstances
 
-      is_steep = circumstances%speed > steep_friction_ratio*circumstances%smoothing
+      is_steep = circumstances%speed > min_speed_ratio*circumstances%smoothing
    end function is_steep
 
    !> The limit that ended the attempts, of hb_outcome%reason.

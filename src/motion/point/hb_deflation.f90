@@ -12,7 +12,7 @@ module hb_deflation
    use hb_problem, only: problem_t
    use hb_solver_types, only: report_t, solver_config_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement, faint
+   use hb_thresholds, only: equality_tolerance, negligible_share
    implicit none
    private
    public :: deflated_share, follow_deflated, is_apart, is_other, scale_of, shifted
@@ -29,7 +29,7 @@ contains
 
       if (asserts_are_on) call assert(size(known, 1) == size(x), "is_other", "motions of the same unknowns")
       is_other = is_apart(x, known, scale_of(known, harmonics, [x_scale, spread(1.0_wp, 1, size(x) - size(x_scale))]), &
-                          max(faint, share))
+                          max(negligible_share, share))
    end function is_other
 
    !> Whether x is none of the known motions.
@@ -41,7 +41,7 @@ contains
 
       is_apart = .true.
       do i = 1, size(known, 2)                                        ! rest and its rounding errors are one motion
-         is_apart = norm2((x - known(:, i))/scale) >= max(least*max(norm2(x/scale), norm2(known(:, i)/scale)), agreement)
+         is_apart = norm2((x - known(:, i))/scale) >= max(least*max(norm2(x/scale), norm2(known(:, i)/scale)), equality_tolerance)
          if (.not. is_apart) return
       end do
    end function is_apart
@@ -60,7 +60,7 @@ contains
             scale((d - 1)*n + 1:d*n) = maxval([(norm2(known((d - 1)*n + 1:d*n, i)), i=1, size(known, 2))])
          end do
          associate (all_of_them => scale(:(size(scale)/n)*n), typical => x_scale(:(size(scale)/n)*n))
-            all_of_them = max(all_of_them, faint*maxval(all_of_them), agreement*typical)
+            all_of_them = max(all_of_them, negligible_share*maxval(all_of_them), equality_tolerance*typical)
          end associate
       end associate
    end function scale_of
@@ -112,7 +112,7 @@ contains
          x = x + min(1.0_wp, 1.0_wp/max(length, tiny(1.0_wp)))*r        ! no farther than the size of the known motions
          report%iterations = report%iterations + 1
       end do
-      is_found = report%status == outcome%converged .and. is_apart(x, known, scale, faint)
+      is_found = report%status == outcome%converged .and. is_apart(x, known, scale, negligible_share)
    end subroutine follow_deflated
 
    !> The step of the deflated problem, relative to that of the problem itself.
@@ -129,6 +129,6 @@ contains
          growth = growth - 2.0_wp*dot_product(x - known(:, i), step)/size_of_motion**2/(square*(1.0_wp + square))
       end do
       share = 1.0_wp - growth
-      share = 1.0_wp/sign(max(abs(share), agreement), share)
+      share = 1.0_wp/sign(max(abs(share), equality_tolerance), share)
    end function deflated_share
 end module hb_deflation

@@ -16,7 +16,7 @@ module hb_integrated_result
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
-   use hb_thresholds, only: reliable
+   use hb_thresholds, only: max_reliable_error
    implicit none
    private
    public :: guess_from, store_integrated
@@ -102,7 +102,8 @@ contains
                                    steady%work, stability)
       select case (stability%verdict)
       case (verdict%unknown)
-         if (steady%spread < reliable) stability = stability_t(verdict=verdict%stable, method=stability_method%integration)
+         if (steady%spread < max_reliable_error) stability = stability_t(verdict=verdict%stable, &
+               method=stability_method%integration)
       case (verdict%unstable)                                         ! the two results contradict each other
          stability%verdict = verdict%unknown
       end select

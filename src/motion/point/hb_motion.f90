@@ -23,7 +23,7 @@ module hb_motion
    use hb_structure, only: max_dense
    use hb_system, only: coordinates_of, system_t
    use hb_threads, only: use_threads
-   use hb_thresholds, only: nearby_steps, rounding
+   use hb_thresholds, only: nearby_steps, rounding_level
    implicit none
    private
    public :: solve_motion, solve_system, start_from
@@ -337,6 +337,6 @@ contains
    pure logical function is_proven_odd(result)
       type(motion_result_t), intent(in) :: result
 
-      is_proven_odd = result%asymmetry <= rounding
+      is_proven_odd = result%asymmetry <= rounding_level
    end function is_proven_odd
 end module hb_motion

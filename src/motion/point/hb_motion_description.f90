@@ -26,7 +26,7 @@ module hb_motion_description
    use hb_structure, only: max_dense
    use hb_system, only: system_t
    use hb_text, only: rounded
-   use hb_thresholds, only: agreement, minor, safety
+   use hb_thresholds, only: equality_tolerance, estimate_safety, small_share
    use hb_tones, only: tones_t
    use hb_torus, only: new_torus, torus_t
    use hb_transform, only: new_transform, transform_t
@@ -124,12 +124,12 @@ contains
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       type(motion_result_t), intent(inout) :: result
-      real(wp), parameter :: least_work = 3.0e8_wp                    ! in about a nanosecond, for any motion
+      real(wp), parameter :: min_work_of_verdict = 3.0e8_wp           ! in about a nanosecond, for any motion
 
       if (result%status /= outcome%converged .or. result%stability%verdict == stability_verdict%unstable) return
       if (.not. allocated(options%callbacks%time_domain_solver)) return
       call options%callbacks%time_domain_solver%find_departure(system, options, motion, &
-         max(share_of_stability*options%stability%work_spent, least_work), result%departure)
+         max(share_of_stability*options%stability%work_spent, min_work_of_verdict), result%departure)
    end subroutine compare_in_time
 
    !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
@@ -145,7 +145,7 @@ contains
       type(stability_t) :: compared, refined
 
       if (.not. allocated(found%refined)) return
-      if (max(found%truncation, found%aliasing) <= agreement .or. stability%is_integrated) return
+      if (max(found%truncation, found%aliasing) <= equality_tolerance .or. stability%is_integrated) return
       config = options%stability
       if (allocated(stability%along_series)) then                     ! a second one has to be as unstable
          call stability_of_refined(system, options, tones, found, config, refined)
@@ -180,7 +180,7 @@ contains
 
       unlimited = config
       unlimited%patience = 1.0_wp
-      call find_carrying(found%around%tuples, found%refined, minor*max(found%truncation, found%aliasing), carrying)
+      call find_carrying(found%around%tuples, found%refined, small_share*max(found%truncation, found%aliasing), carrying)
       call request_stability(system, options, unlimited, &
                              harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
                              huge(1.0_wp), stability)
@@ -240,7 +240,8 @@ contains
       if (system%normal_mode%is_requested .or. config%method == stability_method%off) return
       if (.not. allocated(options%callbacks%stability_finder)) return
       laws = system%laws
-      if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(few_percent, safety*options%error_estimate%truncation))
+      if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(few_percent, estimate_safety* &
+            options%error_estimate%truncation))
       call options%callbacks%stability_finder%find(stability, config, motion, system%structure, laws, &
                                                    excitation_t(system%load_spectrum, options%integration%restitution), &
                                                    work_allowed)

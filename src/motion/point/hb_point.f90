@@ -16,12 +16,12 @@ module hb_point
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_movement, only: follow_frequencies, tied_tones
    use hb_outcome, only: outcome
-   use hb_thresholds, only: nearby_steps, sharp, well_solved
+   use hb_thresholds, only: location_tolerance, nearby_steps, well_solved
    implicit none
    private
    public :: solve_point
 
-   real(wp), parameter :: largest_fall = 0.5_wp                       ! of a frequency in a step, relative
+   real(wp), parameter :: max_frequency_drop = 0.5_wp                 ! of a frequency in a step, relative
 
 contains
 
@@ -61,11 +61,11 @@ contains
                        max(sum(change**2), tiny(1.0_wp))
             end if
             defect = found - omega(tones)
-            if (all(abs(defect) <= merge(well_solved*accuracy%tolerance, sharp, accuracy%is_on)*found)) return
+            if (all(abs(defect) <= merge(well_solved*accuracy%tolerance, location_tolerance, accuracy%is_on)*found)) return
          end associate
          if (i == nearby_steps) exit
          step = matmul(slope, defect)
-         do while (any(step < -largest_fall*omega(tones)) .and. all(omega(tones) > 0.0_wp))
+         do while (any(step < -max_frequency_drop*omega(tones)) .and. all(omega(tones) > 0.0_wp))
             step = 0.5_wp*step
          end do
          omega(tones) = omega(tones) + step

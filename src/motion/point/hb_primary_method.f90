@@ -7,7 +7,7 @@
 !> docs/user/time_integration.md.
 module hb_primary_method
    use hb_kinds, only: two_pi, wp
-   use hb_thresholds, only: clearly
+   use hb_thresholds, only: certainty_factor
    implicit none
    private
    public :: evaluation_work, integration_counts_t, integration_is_cheaper, primary_method
@@ -37,8 +37,8 @@ contains
       type(integration_counts_t), intent(in) :: counts
       real(wp), parameter :: min_periods = 150.0_wp                ! of the windows of a time integration
       real(wp), parameter :: transient_in_decay_times = 3.0_wp        ! decay times of its transient, until two windows agree
-      real(wp), parameter :: of_harmonic = 32.0_wp                   ! evaluations in a period, two a step
-      real(wp), parameter :: of_pair = 500.0_wp                       ! [ns] of a balance, for each pair of unknowns
+      real(wp), parameter :: evaluations_per_period = 32.0_wp        ! evaluations in a period, two a step
+      real(wp), parameter :: ns_per_pair = 500.0_wp                   ! [ns] of a balance, for each pair of unknowns
       real(wp) :: evaluations, n_balance, n_integration, periods, work_of_integration
 
       integration_is_cheaper = .false.
@@ -48,10 +48,10 @@ contains
          n_integration = tolerance**(-merge(0.67_wp, 0.4_wp, counts%has_walls))
          if (n_integration > counts%max_harmonics) return
          periods = max(min_periods, transient_in_decay_times*log(1.0e2_wp/tolerance)*counts%omega/(two_pi*counts%decay))
-         evaluations = of_harmonic*max(n_integration, counts%fastest/counts%omega)
+         evaluations = evaluations_per_period*max(n_integration, counts%fastest/counts%omega)
          work_of_integration = periods*(evaluation_work(counts%n_dofs, counts%n_coordinates, .false.)*evaluations + &
-                                        of_harmonic*n_integration**2*n_coordinates)
-         integration_is_cheaper = clearly*work_of_integration < of_pair*(n_balance*n_coordinates)**2
+                                        evaluations_per_period*n_integration**2*n_coordinates)
+         integration_is_cheaper = certainty_factor*work_of_integration < ns_per_pair*(n_balance*n_coordinates)**2
       end associate
    end function integration_is_cheaper
 

@@ -7,15 +7,15 @@ module hb_reached_laws
    use hb_stability, only: harmonic_motion_t
    implicit none
    private
-   public :: few_percent, reached_laws
+   public :: max_gap_to_motion, reached_laws
 
-   real(wp), parameter :: few_percent = 0.05_wp                       !! of a motion: a law that is so near may be reached
+   real(wp), parameter :: max_gap_to_motion = 0.05_wp                 !! of a motion: a law that is so near may be reached
    integer, parameter :: samples_of_harmonic = 16                     ! of the highest one of a tone: a peak between them is higher
                                                                       ! by 2 %, which is within the margin
    real(wp), parameter :: max_samples = 1.0e5_wp                      ! of the torus; with more a box around it decides
    real(wp), parameter :: max_terms = 2.0e7_wp                        ! of the series at them, for all laws: .2 s
    integer, parameter :: points_across = 33                           ! of a box along a coordinate, fewer of several
-   integer, parameter :: per_part = 4096                              ! samples at one time
+   integer, parameter :: samples_per_part = 4096                      ! samples at one time
    integer, parameter :: samples_at_first = 256                       ! spread over the torus: most motions reach a law there
    real(wp), parameter :: golden_ratio = 0.6180339887498949_wp        ! multiples of it are spread without a pattern
 
@@ -56,8 +56,8 @@ contains
       n = product(counts)
       if (touches(motion_at(motion%tuples, amplitudes, counts, &
                             [(int(n*modulo(i*golden_ratio, 1.0_wp)), i=1, samples_at_first)]))) return
-      do first = 0, n - 1, per_part
-         if (touches(motion_at(motion%tuples, amplitudes, counts, [(i, i=first, min(n, first + per_part) - 1)]))) return
+      do first = 0, n - 1, samples_per_part
+         if (touches(motion_at(motion%tuples, amplitudes, counts, [(i, i=first, min(n, first + samples_per_part) - 1)]))) return
       end do
       reaches = .false.
 

@@ -5,7 +5,7 @@ module hb_response
    use hb_kinds, only: wp
    use hb_structure, only: structure_t
    use hb_text, only: number_of, to_text
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    implicit none
    private
    public :: new_response, response_t
@@ -144,7 +144,7 @@ contains
             if (any(set%tuples(:, h) /= 0)) beyond = beyond + 0.5_wp*abs(amplitudes(h))**2
          end if
       end do
-      reference = max(sqrt(self%of(set_of_second, second)), rounding*norm2(abs(second)), tiny(1.0_wp))
+      reference = max(sqrt(self%of(set_of_second, second)), rounding_level*norm2(abs(second)), tiny(1.0_wp))
       distance = sqrt(self%of(set_of_second, difference) + beyond)/reference
    end function response_distance
 end module hb_response

@@ -26,13 +26,13 @@ module hb_curve_gradient
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by
    use hb_system, only: system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: agreement, faint, minor, nearby_steps, sharp
+   use hb_thresholds, only: equality_tolerance, location_tolerance, nearby_steps, negligible_share, small_share
    implicit none
    private
    public :: find_curve_gradient
 
-   real(wp), parameter :: smooth_step = 3.0e-5_wp ! of differences, relative to the number or the largest motion; 1e-4: the defect of
-                                                  ! a smooth fold is 2e-3
+   real(wp), parameter :: smooth_step = 3.0e-5_wp ! of differences, relative to the number or the largest motion; 1e-4: the
+                                                  ! defect of a smooth fold is 2e-3
    real(wp), parameter :: step_across_samples = 3.0e-2_wp             ! likewise, over 20 of the following samples
    integer, parameter :: n_steps_across_samples = 6                   ! of Newton's method with the same tangent: to 1e-4
    integer, parameter :: min_samples = 4096                        ! of one tone, for a position to 1 %
@@ -305,7 +305,7 @@ contains
       integer :: i
 
       direction = curve%direction
-      step = faint                                                    ! of the secant, in units of lengths
+      step = negligible_share                                         ! of the secant, in units of lengths
       here = 0.0_wp
       do i = 1, nearby_steps
          curve%x = x
@@ -316,9 +316,10 @@ contains
          here = event%value(curve, x)
          last_step = abs(step)
          if (i > 1) step = -here*step/(here - before)
-         is_found = i > 1 .and. (abs(step) <= sharp .or. (abs(step) <= agreement .and. abs(step) >= last_step)) ! a rough residual
+         is_found = i > 1 .and. (abs(step) <= location_tolerance .or. (abs(step) <= equality_tolerance .and. & ! a rough residual
+               abs(step) >= last_step))
          if (is_found) return
-         if (.not. abs(step) <= minor) return
+         if (.not. abs(step) <= small_share) return
          x = x + step*direction
       end do
    end subroutine find_zero

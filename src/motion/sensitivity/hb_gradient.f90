@@ -33,7 +33,7 @@ module hb_gradient
    use hb_response_slope, only: find_motion_slopes
    use hb_system, only: coordinates_of, system_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: difference_step, minor, sharp, well_solved
+   use hb_thresholds, only: difference_step, location_tolerance, small_share, well_solved
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
@@ -64,7 +64,7 @@ module hb_gradient
       real(wp), allocatable :: x(:)                                   ! coefficients, then these parameters
       real(wp), allocatable :: residual(:)                            ! of the balance at x
       real(wp), allocatable :: slopes(:, :)                           ! of x by each value, on the level before
-      real(wp) :: accuracy = sharp                                    ! relative, of these
+      real(wp) :: accuracy = location_tolerance                       ! relative, of these
       integer :: n = 0                                                ! coefficients
    contains
       procedure :: differentiate => known_differentiate
@@ -146,7 +146,7 @@ contains
 
       associate (accuracy => known%model%options%accuracy)
          if (accuracy%is_on .and. (accuracy%grows_set .or. accuracy%refines_grid)) &
-            known%accuracy = max(sharp, well_solved*accuracy%tolerance)
+            known%accuracy = max(location_tolerance, well_solved*accuracy%tolerance)
       end associate
       associate (system => known%model%system)
          known%n = size(unknowns) - system%tones%n_tones
@@ -276,7 +276,7 @@ contains
          if (allocated(error)) return
          if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(system))
          if (.not. is_exact) next%n_samples = 2*next%n_samples
-         has_room = .not. (product(real(next%n_samples, wp)) >= minor*options%accuracy%max_samples .or. &
+         has_room = .not. (product(real(next%n_samples, wp)) >= small_share*options%accuracy%max_samples .or. &
                            any(next%n_samples <= 2*next%set%highest) .or. &
                            next%set%n_harmonics > options%accuracy%max_harmonics)
       end subroutine refine_level
