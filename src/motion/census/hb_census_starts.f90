@@ -398,7 +398,7 @@ contains
             if (now < before) exit
          end do
          if (.not. now < before) then
-            is_found = before <= 1.0e3_wp*tolerance                   ! rounding
+            is_found = before <= 1.0e3_wp*max_residual                 ! rounding
             return
          end if
          x = trial
