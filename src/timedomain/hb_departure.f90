@@ -17,7 +17,7 @@ module hb_departure
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_options, only: options_t
    use hb_primary_method, only: evaluation_work
-   use hb_reached_laws, only: few_percent, reached_laws
+   use hb_reached_laws, only: max_gap_to_motion, reached_laws
    use hb_stability, only: harmonic_motion_t
    use hb_structure, only: max_dofs
    use hb_system, only: system_t
@@ -58,7 +58,7 @@ contains
 
       departure = -1.0_wp
       ! impacts and sliders ask for more than a state of displacements and velocities
-      laws = reached_laws(system%laws, motion, few_percent)
+      laws = reached_laws(system%laws, motion, max_gap_to_motion)
       if (any([(laws(i)%law%is_multiplier .or. laws(i)%law%n_states > 0, i=1, size(laws))])) return
       if (allocated(system%structure%sparse)) return
       call system%structure%check_matrices("integration", max_dofs, error)

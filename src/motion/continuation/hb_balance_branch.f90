@@ -22,7 +22,7 @@ module hb_balance_branch
    use hb_level, only: apply_safety_factor, estimate_of, level_t, set_to_level, transferred
    use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
-   use hb_model_basis, only: half_of_odd, is_solved_odd, max_even
+   use hb_model_basis, only: half_of_odd, is_solved_odd, max_even_share
    use hb_model_problem, only: model_problem_t, new_model_problem
    use hb_motion_description, only: describe_motion, solution_t, stability_of
    use hb_motion_images, only: copies_of, image_of, nearest_phases
@@ -403,7 +403,7 @@ contains
 
       if (allocated(curve%part)) deallocate (curve%part)
       if (.not. allocated(self%odd_problem)) return
-      if (even_part_of(curve%x) > max_even .or. even_part_of(curve%direction) > max_even) return
+      if (even_part_of(curve%x) > max_even_share .or. even_part_of(curve%direction) > max_even_share) return
       allocate (curve%part)
       curve%retained = self%odd_indices
       call new_bordered_problem(curve%part, self%odd_problem, self%problem%which, curve%problem%functionals(curve%retained, :), &

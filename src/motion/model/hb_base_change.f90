@@ -14,7 +14,7 @@ module hb_base_change
    use hb_level, only: degree_of, level_t, needed_samples
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
-   use hb_reduced_base, only: may_change_base, reduced_base, smallest_grid, worth_it
+   use hb_reduced_base, only: max_grid_ratio, may_change_base, min_grid, reduced_base
    use hb_system, only: system_t
    use hb_torus, only: fast_size
    implicit none
@@ -46,14 +46,14 @@ contains
       integer, allocatable :: n_samples(:)
       type(error_t), allocatable :: error
 
-      if (product(real(level%n_samples, wp)) < smallest_grid) return
+      if (product(real(level%n_samples, wp)) < min_grid) return
       if (.not. may_change_base(system, options)) return
       call reduced_base(level%set%tuples, self%matrix, self%inverse)
       call make_positive(self, system%tones%omega, omega)
       if (minval(omega) < min_base_frequency_ratio*maxval(omega)) return
       allocate (n_samples, source=samples_in(self, system, level))
       if (has_memory(system%laws)) n_samples = samples_along_time(n_samples, omega)
-      if (product(real(n_samples, wp)) > worth_it*product(real(level%n_samples, wp))) return
+      if (product(real(n_samples, wp)) > max_grid_ratio*product(real(level%n_samples, wp))) return
       call move_set(self%matrix, level%set, self%level%set, error)
       if (allocated(error)) return
       self%is_on = .true.

@@ -20,7 +20,7 @@ module hb_motion_description
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
-   use hb_reached_laws, only: few_percent, reached_laws
+   use hb_reached_laws, only: max_gap_to_motion, reached_laws
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, share_of_stability, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
@@ -240,7 +240,7 @@ contains
       if (system%normal_mode%is_requested .or. config%method == stability_method%off) return
       if (.not. allocated(options%callbacks%stability_finder)) return
       laws = system%laws
-      if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(few_percent, estimate_safety* &
+      if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(max_gap_to_motion, estimate_safety* &
             options%error_estimate%truncation))
       call options%callbacks%stability_finder%find(stability, config, motion, system%structure, laws, &
                                                    excitation_t(system%load_spectrum, options%integration%restitution), &
