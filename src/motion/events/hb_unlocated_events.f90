@@ -7,7 +7,7 @@ module hb_unlocated_events
    use hb_located_response, only: located_response_t
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_text, only: to_text
-   use hb_thresholds, only: rounding
+   use hb_thresholds, only: rounding_level
    implicit none
    private
    public :: describe_unlocated
@@ -63,7 +63,7 @@ contains
 
          associate (at_end => ending%x(size(ending%x)))
             n = count([(points(i)%kind == curve_kind%value .and. &
-                        abs(points(i)%x(size(points(i)%x)) - at_end + excess) <= rounding*abs(at_end), i=1, size(points))])
+                        abs(points(i)%x(size(points(i)%x)) - at_end + excess) <= rounding_level*abs(at_end), i=1, size(points))])
          end associate
       end function n_at
 
