@@ -172,6 +172,21 @@ def test_a_grid_that_changes_at_a_corner_does_not_turn_the_curve_back(tmp_path):
     assert gap[kind > 0][-1] == 0.05
 
 
+def test_a_grid_that_grows_at_the_start_does_not_end_the_curve_there(tmp_path):
+    """On the larger grid the start is slightly outside the range, into which the curve leads."""
+    text = """
+&structure type='matrices', n_dofs=1, mass=1.7646741493255726, stiffness=3.0803268405594526, damping_mass=0.0042143809041063456 /
+&tones frequency=2.3051469022036835 /
+&accuracy tolerance=0.001 /
+&law type='iwan', dof='x1', stiffness=3.080034571475491,1.8480207428852944, limit=0.05457545495794027,0.09823581892429249 /
+&load dof='x1', tuple=1, cos=-0.9802993417343541, sin=0.18535806044343597 /
+&curve parameter='tones%frequency', from=0.5284770468503343, to=3.038743019389422, points=6, max_step=0.1, peak_of='x1 (1)' /
+"""
+    kind, value = read(solve(text, tmp_path), "curve_kind", "tones_frequency")
+    assert kind.tolist() == [2, 1, 1, 1, 1, 1]
+    assert (np.diff(value[1:]) > 0.0).all()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(("share", "responses"), [(0.33, "'x1', 'x1 (1)'"), (0.72, "'x1'")])
 def test_wavy_curves_go_on_bit_by_bit(tmp_path, share, responses):

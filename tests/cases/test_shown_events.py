@@ -62,3 +62,15 @@ def test_an_event_that_the_next_row_names_is_not_silent(curve, tmp_path):
         kind[row], reason[row + 1] = shown.REGULAR, shown.UNLOCATED
         file["curve_kind"][...], file["reason"][...] = kind, reason
     assert [event.report for event in events_of(path) if event.report != "located"] == ["named"]
+
+
+def test_a_curve_that_ends_at_its_start_is_silent(curve, tmp_path):
+    path = shutil.copy(curve, tmp_path / "ended.h5")
+    with h5py.File(path, "r+") as file:
+        kind, status = file["curve_kind"][...], file["status"][...]
+        kind[1], status[2:] = shown.END, shown.UNUSED
+        file["curve_kind"][...], file["status"][...] = kind, status
+        unknowns, n = file["curve_unknowns"][...], file["curve_n_unknowns"][...]
+        unknowns[1, n[1] - 1] = unknowns[0, n[0] - 1]
+        file["curve_unknowns"][...] = unknowns
+    assert [(event.kind, event.report) for event in events_of(path)] == [("end at the start", "silent")]

@@ -13,7 +13,7 @@ module hb_curve_events
    !> Quantities at the point of the curve that events compare with those at the end of the next step.
    type :: event_values_t
       real(wp) :: rise = 0.0_wp                                       !! of the value in the direction
-      real(wp), allocatable :: excess(:)                              !! of the value over each of those that are wanted
+      real(wp), allocatable :: excess(:)                              !! of the value over the ends of the range and wanted ones
       real(wp), allocatable :: functions(:)                           !! of the responses, hb_followed
       real(wp), allocatable :: squares(:)                             !! of the responses
       real(wp), allocatable :: extremes(:, :)                         !! of the switching functions of laws

@@ -367,6 +367,9 @@ contains
                if (.not. (values(k) - wanted(i))*(values(k + 1) - wanted(i)) < 0.0_wp) then
                   if (.not. abs(values(k + 1) - wanted(i)) <= 0.0_wp) cycle
                end if
+               if (i <= 2) then                                       ! a start that moved with its set may be outside the range
+                  if ((values(k) - wanted(i))*(wanted(3 - i) - wanted(i)) < 0.0_wp) cycle
+               end if
                call curve%find_zero(event, positions(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, position, is_found)
                if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
                if (.not. is_found) cycle

@@ -25,7 +25,7 @@ module hb_passed_events
       logical :: in_branch = .false.
       logical :: in_grazing = .false.
       logical :: in_stability = .false.                               !! number of multipliers outside the unit circle
-      logical :: in_value = .false.                                   !! any that is wanted
+      logical :: in_value = .false.                                   !! any that is wanted, or an end of the range
       logical, allocatable :: in_response(:)                          !! (responses of the request)
    contains
       procedure :: any => set_differences_any
@@ -80,7 +80,7 @@ contains
       case (located_by%response)
          includes = self%in_response(point%response)
       case default
-         includes = self%in_value .and. point%kind == curve_kind%value
+         includes = self%in_value .and. any(point%kind == [curve_kind%value, curve_kind%end])
       end select
    end function set_differences_include
 

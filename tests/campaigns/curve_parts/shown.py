@@ -186,9 +186,11 @@ def events_of(curve: Curve) -> list[Event]:
     distances = list(curve.distances())
     unit = np.sqrt(2.0) * np.max([curve.measure(label) for label in curve.dofs])  # of estimates
     for rows in curve.parts():
-        if len(rows) < 3:
+        if len(rows) < 2:
             continue
         found += _turns(curve, rows)
+        if curve.kind[rows[-1]] == END and curve.value[rows[-1]] == curve.value[rows[0]] and not np.any(curve.kind[rows] == FOLD):
+            found.append(Event("end at the start", int(rows[-1]), float(curve.value[rows[-1]]), "silent"))
         for number, ((kind, name, target), measure) in enumerate(zip(curve.responses(), measures), 1):
             is_this = (curve.kind == kind) & (curve.response == number)
             if kind == AMPLITUDE:
@@ -235,7 +237,10 @@ def _turns(curve: Curve, rows: np.ndarray) -> list[Event]:
         else:
             of = value if rise > 0.0 else -value
             top = i + int(np.argmax(of[i : k + 1])) if is_turn else i
-            report = _report(curve, rows, k) if _is_clear(of, error, top, (-1, 1) if is_turn else (1,)) else "small"
+            ways = (-1, 1) if is_turn else (1,)
+            near = [j for way in ways for j, is_level in _way(of, error, top, way) if is_level]
+            is_clear = _is_clear(of, error, top, ways) and not np.any(curve.kind[rows[near]] == FOLD)
+            report = _report(curve, rows, k) if is_clear else "small"
         kind = "fold" if is_turn else "step back" if is_against else "fold that is none"
         found.append(Event(kind, int(rows[k]), float(value[k]), report))
     return found
