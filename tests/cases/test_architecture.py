@@ -19,7 +19,7 @@ LAYERS += ["input", "files", "study", "api"]
 # Time integration is an independent check of the balance: the modules that these use contain no transforms and solvers of it.
 INTEGRATION = ["hb_time_stepping", "hb_integration_difference", "hb_recurrence", "hb_record_tones"]
 INTEGRATION_MAY_USE = {"base", "extern", "structure", "laws", "timedomain"}
-INTEGRATION_MAY_USE_MODULES = {"hb_birkhoff", "hb_integration_config", "hb_outcome"}  # averages, statuses, settings
+INTEGRATION_MAY_USE_MODULES = {"hb_birkhoff", "hb_harmonics", "hb_integration_config", "hb_outcome"}  # averages, tuples
 
 INTRINSIC = {"iso_fortran_env", "ieee_arithmetic", "ieee_exceptions", "ieee_features"}
 
