@@ -203,10 +203,10 @@ contains
       type(spectrum_t) :: spectrum
       integer :: i, k
 
+      i = base%model%system%load_of(number)
       associate (system => base%model%system)
          call new_spectrum(spectrum, system%structure%n_dofs, system%tones%n_tones)
-         call system%loads(system%load_of(number))%load%add_slope_to(number%number_t, system%structure, base%omega, spectrum, &
-                                                                   is_known)
+         call system%loads(i)%load%add_slope_to(number%number_t, system%structure, base%omega, spectrum, is_known)
       end associate
       if (.not. is_known) return
       slope = spectrum%in_set(base%harmonics)
