@@ -402,6 +402,7 @@ contains
       character(*), intent(in), optional :: key                       !! of the weights, if they are numbers of the law
       integer, allocatable :: all_positions(:, :), row(:)
       real(wp), allocatable :: shape(:, :)
+      type(weights_t), allocatable :: all_weights(:)
       integer :: i, k, n, n_before, n_coordinates
 
       n_coordinates = 1
@@ -438,7 +439,15 @@ contains
       if (size(all_positions, 2) > 1) self%positions = all_positions(:n, :)
       if (.not. present(key)) return
       if (.not. allocated(self%weights)) allocate (self%weights(0))
-      self%weights = [self%weights, weights_t(key, weights, row, n_coordinates)]
+      allocate (all_weights(size(self%weights) + 1))                  ! gfortran 12 does not free components of constructors in a list
+      all_weights(:size(self%weights)) = self%weights
+      associate (new => all_weights(size(all_weights)))
+         new%key = key
+         new%values = weights
+         new%rows = row
+         new%column = n_coordinates
+      end associate
+      call move_alloc(all_weights, self%weights)
    end subroutine add_coordinate
 
    !> Whether any of these laws has a memory.
