@@ -74,3 +74,20 @@ def test_a_curve_that_ends_at_its_start_is_silent(curve, tmp_path):
         unknowns[1, n[1] - 1] = unknowns[0, n[0] - 1]
         file["curve_unknowns"][...] = unknowns
     assert [(event.kind, event.report) for event in events_of(path)] == [("end at the start", "silent")]
+
+
+WAVY = """
+&structure type='chain', n_masses=2, mass=1.275574191557656,1.0463513670474132, damping_stiffness=0.023296353147526507,
+   coupling_stiffness=1.0357073605386111,0.6209355768197516,2.228916221295792 /
+&tones frequency=0.6822525978238109 /
+&accuracy tolerance=0.001 /
+&law type='annular_clearance', dofs='x1','x2', stiffness=4.752115343185023, clearance=0.16524023402553834 /
+&load dof='x2', tuple=1, cos=-0.9185559552815095, sin=-0.36869551236231624 /
+&curve parameter='tones%frequency', from=0.423082676557475, to=2.432725390205481, points=290, peak_of='x2 (1)' /
+"""
+
+
+@pytest.mark.long
+def test_a_fold_behind_one_that_is_removed_is_not_silent(tmp_path):
+    """Three folds on one step: the first is smaller than the errors, and the curve turns back at the third."""
+    assert "silent" not in {event.report for event in events_of(solve(WAVY, tmp_path))}

@@ -68,6 +68,7 @@ contains
             if (is_retained(i) .and. .not. allocated(error) .and. .not. (is_fold .and. has_fall_behind)) &
                call find_fall(followed, curve, extreme, reported, point%position, -1, is_retained(i), error)
             if (allocated(error)) return
+            if (is_fold .and. .not. is_retained(i)) call name_fold_behind(curve, extreme, points(size(points)))
             point%sense = extreme%sense
             if (.not. (is_fold .and. is_retained(i))) cycle
             last_sense = extreme%sense
@@ -76,6 +77,23 @@ contains
       end do
       if (.not. all(is_retained)) points = pack(points, is_retained)
    end subroutine remove_doubtful_extremes
+
+   !> Names the fold behind one that is removed on the same step: the value goes beyond this one, and
+   !> moves back at the end of the step.
+   pure subroutine name_fold_behind(curve, removed, ending)
+      type(curve_t), intent(in) :: curve                              !! at the end of the step
+      type(extreme_t), intent(in) :: removed
+      type(curve_point_t), intent(inout) :: ending                    !! of the step
+
+      if (ending%kind /= curve_kind%regular .or. ending%hides_fold) return
+      associate (n => size(curve%x))
+         if (.not. removed%sense*(curve%x(n) - removed%value) > 0.0_wp) return
+         if (.not. removed%sense*curve%direction(n) < 0.0_wp) return
+      end associate
+      ending%hides_fold = .true.
+      if (len_trim(ending%unlocated) > 0) ending%unlocated = trim(ending%unlocated)//","
+      ending%unlocated = adjustl(trim(ending%unlocated)//" 1 'fold', 0 located")
+   end subroutine name_fold_behind
 
    !> Finds the sense of the last fold of this branch. The first branch begins at one, unless its start is across the value.
    pure subroutine find_last_sense(curve, branches, reported, sense, is_reported)
