@@ -5,6 +5,7 @@ module run_advice
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_balance, only: indifferent_coordinates
    use hb_contact_flexibility, only: pays_to_factorise
+   use hb_contact_parts, only: is_factorised
    use hb_coordinates, only: coordinates_t
    use hb_document, only: document_t, parameter_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -203,13 +204,23 @@ contains
             call list%add(advice%above_reduction, [highest, structure%up_to])
          else if (allocated(structure%sparse) .and. allocated(structure%model_file) .and. .not. structure%up_to > 0.0_wp .and. &
                   2*sum([(size(model%system%laws(i)%law%dofs), i=1, size(model%system%laws))]) < structure%n_dofs .and. &
-                  .not. (pays_to_factorise(structure, coordinates_of(model%system)) .and. &
-                         document%count("curve") == 0)) then
+                  .not. has_factor(model)) then
             call list%add(advice%large_model, [real(wp) :: structure%n_dofs, ceiling(1.01_wp*highest)], structure%model_file, &
                           named_dofs(document))
          end if
       end associate
    end subroutine advise_on_size
+
+   !> Whether points of a model have the factor of its whole stiffness; otherwise it is condensed to its contacts.
+   logical function has_factor(model)
+      type(model_t), intent(in) :: model
+      type(coordinates_t) :: coordinates
+
+      has_factor = size(model%options%gradient%by) == 0 .and. .not. any(model%system%tones%is_unknown)
+      if (.not. has_factor) return
+      coordinates = coordinates_of(model%system)
+      has_factor = is_factorised(model%system%structure, coordinates, laws_at(coordinates, model%system%laws))
+   end function has_factor
 
    !> Names of degrees of freedom and sets in an input, separated by commas.
    function named_dofs(document) result(text)

@@ -438,6 +438,7 @@ contains
       if (.not. allocated(self%stiffness%contacts)) return
       self%work_of_pass = self%work_of_pass + self%stiffness%contacts%work()
       self%residual_work = self%residual_work + self%stiffness%contacts%work()
+      self%tangent_work = self%work_of_factors + n*self%work_of_pass
    end subroutine count_work
 
    subroutine balance_residual(self, x, r)
@@ -565,6 +566,10 @@ contains
       type(error_t), allocatable :: error
       integer :: n_rounds
 
+      if (allocated(self%stiffness%contacts)) then
+         call find_tangent_by_products(self, u, jacobian)
+         return
+      end if
       call self%differentiate(u, error)
       if (.not. allocated(error)) &
          call self%dense_tangent%assemble(self%stiffness, self%law_set, self%frequencies, jacobian, error)
@@ -577,6 +582,28 @@ contains
       jacobian = 0.0_wp                                               ! singular: no solver continues
       call move_alloc(error, self%failure)
    end subroutine balance_tangent_of
+
+   !> The tangent of many contacts of a whole model, column by column: as expensive as `count_work` says.
+   subroutine find_tangent_by_products(self, u, jacobian)
+      class(balance_t), intent(inout) :: self
+      real(wp), intent(in) :: u(:, :)
+      real(wp), intent(out) :: jacobian(:, :, :, :)
+      real(wp) :: unit(size(u, 1), size(u, 2))
+      integer :: i, k
+      logical :: is_ready
+
+      jacobian = 0.0_wp                                               ! singular: no solver continues
+      call balance_linearise(self, [u], is_ready)
+      if (.not. is_ready) return
+      unit = 0.0_wp
+      do k = 1, size(u, 2)
+         do i = 1, size(u, 1)
+            unit(i, k) = 1.0_wp
+            call apply_tangent_to(self, unit, jacobian(:, :, i, k))
+            unit(i, k) = 0.0_wp
+         end do
+      end do
+   end subroutine find_tangent_by_products
 
    !> Derivative of the residual by a number of laws at fixed coefficients, see `differentiate_by_number` of
    !> hb_sampled_laws; `is_known` is false where differences of the residual must take its place.
@@ -600,6 +627,8 @@ contains
       if (.not. is_known) return
       call self%law_set%transform%to_coefficients(self%law_set%along%f%values, derivative)
       derivative = self%law_set%factor*derivative
+      if (allocated(self%stiffness%contacts)) &
+         call self%stiffness%find_contact_slope(self%harmonics, u, self%force, 0.0_wp*self%frequencies, (derivative), derivative)
    end subroutine balance_number_derivative
 
    !> The motion without laws; for a structure that can move freely that on its weak supports.

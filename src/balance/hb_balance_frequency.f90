@@ -167,7 +167,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
 
       derivative = 0.0_wp
-      if (.not. allocated(self%stiffness%condensed_slope)) then
+      if (.not. (allocated(self%stiffness%condensed_slope) .or. allocated(self%stiffness%contacts))) then
          call fail(error, "balance: its dynamic stiffness was made without slopes; derivatives by frequencies need them")
       else if (m < 1 .or. m > size(self%omega)) then
          call fail(error, "balance: no tone "//to_text(m)//" to differentiate by, there are 1 to "//to_text(size(self%omega)))
@@ -186,14 +186,15 @@ contains
    !> docs/why/theory.md, section 5.6.
    module procedure balance_frequency_derivative
       real(wp) :: turns(self%harmonics%n_harmonics)                   ! j_m, the derivative of j.omega
-      real(wp) :: reaction(self%harmonics%n_coefficients, self%n_dofs)
+      real(wp), dimension(self%harmonics%n_coefficients, self%n_dofs) :: force, reaction
       real(wp), allocatable :: weight_slope(:)
 
       call prepare_slopes(self, u, m, derivative, error)
       if (allocated(error)) return
       turns = real(self%harmonics%tuples(m, :), wp)
       allocate (weight_slope(0))
-      call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, turns, reaction, self%xi(m)*turns)
+      if (.not. allocated(self%stiffness%contacts)) &
+         call self%stiffness%find_reaction_slope(self%harmonics, u, self%load_factor, turns, reaction, self%xi(m)*turns)
       associate (along => self%law_set%along)
          along%q%values = 0.0_wp
          if (self%law_set%needs_velocity) call self%law_set%transform%to_rate_samples(u, turns, along%v%values)
@@ -204,6 +205,13 @@ contains
          call self%law_set%add_frequency_slopes(m)
          call self%law_set%transform%to_coefficients(along%f%values, self%force)
       end associate
+      if (allocated(self%stiffness%contacts)) then
+         call self%law_set%evaluate()
+         call self%law_set%transform%to_coefficients(self%law_set%samples%f%values, force)
+         call self%stiffness%find_contact_slope(self%harmonics, u, self%law_set%factor*force, turns, &
+                                                self%law_set%factor*self%force, derivative)
+         return
+      end if
       derivative = self%law_set%factor*self%force - reaction
    end procedure balance_frequency_derivative
 

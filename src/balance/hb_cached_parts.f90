@@ -4,9 +4,9 @@
 !> new balance in any case.
 module hb_cached_parts
    use hb_amplitudes, only: amplitudes_t
-   use hb_contact_flexibility, only: contact_flexibility_t, new_contact_flexibility, pays_to_factorise
+   use hb_contact_parts, only: contact_parts_t, free_contact_parts
    use hb_coordinates, only: coordinates_t
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_contact_stiffness, new_dynamic_stiffness, wanted_slopes_t
+   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_linear_part, only: linear_part_t, new_linear_part
@@ -17,7 +17,6 @@ module hb_cached_parts
    public :: cached_balances_t, cached_parts_t
 
    integer, parameter :: small_grid = 4096                            ! samples of all coordinates
-   real(wp), parameter :: max_frequency_ratio = 3.0_wp ! highest frequency of an error estimate, by that of the motion
 
    !> Owner of external resources: call `destroy`.
    type :: cached_parts_t
@@ -38,10 +37,9 @@ module hb_cached_parts
    !> call `destroy`.
    type :: cached_balances_t
       type(cached_parts_t) :: narrow, wide
-      type(contact_flexibility_t), private :: contacts                ! of a whole model with many contacts
-      logical, private :: knows_contacts = .false., has_contacts = .false. ! examined, and found to be possible
+      type(contact_parts_t), pointer, private :: contacts => null()   ! of whole models, owned
    contains
-      procedure :: find_contacts => cached_balances_find_contacts
+      procedure :: contact_parts => cached_balances_contact_parts
       procedure :: destroy => cached_balances_destroy
    end type cached_balances_t
 
@@ -126,41 +124,20 @@ contains
       deallocate (self%laws)
    end subroutine cached_parts_destroy
 
-   !> Makes the linear part of a whole model with many contacts; not allocated where the model is none, or where its matrices do
-   !> not permit it, see hb_contact_flexibility. The factor and the modes serve all points with the same matrices and contacts.
-   subroutine cached_balances_find_contacts(self, structure, coordinates, contact, frequencies, loads, linear)
-      class(cached_balances_t), intent(inout), target :: self
-      type(structure_t), intent(in) :: structure
-      type(coordinates_t), intent(in) :: coordinates
-      real(wp), intent(in) :: contact(:)                              !! largest stiffness of the laws [N/m], (coordinates%n)
-      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
-      type(amplitudes_t), intent(in) :: loads                         !! [N]
-      class(linear_part_t), allocatable, intent(out) :: linear
-      type(dynamic_stiffness_t) :: stiffness
-      logical :: is_possible
+   !> What whole models with many contacts share, for the systems of all points.
+   function cached_balances_contact_parts(self) result(parts)
+      class(cached_balances_t), intent(inout) :: self
+      type(contact_parts_t), pointer :: parts
 
-      if (.not. pays_to_factorise(structure, coordinates)) return
-      if (.not. all(contact > 0.0_wp)) return
-      if (self%knows_contacts) self%knows_contacts = self%contacts%is_of(structure, coordinates, contact)
-      if (.not. self%knows_contacts) then
-         call self%contacts%destroy()
-         call new_contact_flexibility(self%contacts, structure, coordinates, contact, self%has_contacts)
-         self%knows_contacts = .true.
-      end if
-      if (.not. self%has_contacts) return
-      call self%contacts%cover(max_frequency_ratio*maxval(abs(frequencies)), is_possible)
-      if (.not. is_possible) return
-      call new_contact_stiffness(stiffness, self%contacts, frequencies, loads)
-      allocate (linear)
-      call new_linear_part(linear, stiffness)
-   end subroutine cached_balances_find_contacts
+      if (.not. associated(self%contacts)) allocate (self%contacts)
+      parts => self%contacts
+   end function cached_balances_contact_parts
 
    !> Frees what both hold; safe to call twice.
    subroutine cached_balances_destroy(self)
       class(cached_balances_t), intent(inout) :: self
 
-      call self%contacts%destroy()
-      self%knows_contacts = .false.
+      call free_contact_parts(self%contacts)
       call self%narrow%destroy()
       call self%wide%destroy()
    end subroutine cached_balances_destroy

@@ -39,6 +39,7 @@ module hb_linear_part
       procedure :: damp => linear_part_damp
       procedure :: find_reaction => linear_part_find_reaction
       procedure :: find_contact_residual => linear_part_find_contact_residual
+      procedure :: find_contact_slope => linear_part_find_contact_slope
       procedure :: force_beyond_contacts => linear_part_force_beyond_contacts
       procedure :: find_reaction_slope => linear_part_find_reaction_slope
       procedure :: find_motion => linear_part_find_motion
@@ -113,11 +114,17 @@ contains
       integer :: h
       logical :: is_other(size(frequencies))
 
+      if (present(n_condensed)) n_condensed = 0
+      if (allocated(self%contacts)) then
+         if (allocated(self%free_motion)) deallocate (self%free_motion)
+         if (allocated(self%scales)) deallocate (self%scales)
+         call self%change_contacts(frequencies, loads, (self%contacts%load_slopes), error)
+         return
+      end if
       is_other = .false.
       do h = 1, size(frequencies)
          if (any(loads%harmonics == h) .or. any(before%harmonics == h)) is_other(h) = any(loads%of(h) /= before%of(h))
       end do
-      if (present(n_condensed)) n_condensed = 0
       if (.not. any(is_other)) return
       is_other(maxloc(abs(frequencies), dim=1)) = .true.
       allocate (positions, source=pack([(h, h=1, size(frequencies))], is_other))
@@ -303,6 +310,33 @@ contains
          r(:, i) = self%magnitude(i, 1)*(u(:, i) - r(:, i))
       end do
    end subroutine linear_part_find_contact_residual
+
+   !> The derivative of this residual at constant u, where the frequencies change by `rates`, with them the loads, and the forces of
+   !> the laws by `force_slope`.
+   subroutine linear_part_find_contact_slope(self, set, u, force, rates, force_slope, slope)
+      class(linear_part_t), intent(inout) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_law)
+      real(wp), intent(in) :: force(:, :)                             !! F of the laws [N], as u
+      real(wp), intent(in) :: rates(:)                                !! (n_harmonics)
+      real(wp), intent(in) :: force_slope(:, :)                       !! as F
+      real(wp), intent(out) :: slope(:, :)                            !! as u
+      complex(wp), allocatable :: beyond(:, :), z(:, :)
+      integer :: h, i
+
+      allocate (beyond, source=self%force_beyond_contacts(set, 0.0_wp*u, force_slope))
+      do h = 1, self%n_harmonics
+         do i = 1, self%n_law
+            beyond(i, h) = beyond(i, h) + rates(h)*self%contacts%contact_stiffness_slope(i)*set%amplitude(u(:, i), h)
+         end do
+      end do
+      allocate (z, mold=beyond)
+      call self%contacts%find_slope(self%force_beyond_contacts(set, u, force), rates, beyond, z)
+      slope = set%coefficients(z)
+      do i = 1, size(slope, 2)
+         slope(:, i) = -self%magnitude(i, 1)*slope(:, i)
+      end do
+   end subroutine linear_part_find_contact_slope
 
    !> c k u - F, what stuck contacts would exert beyond the laws [N], (n_law, n_harmonics).
    pure function linear_part_force_beyond_contacts(self, set, u, force) result(p)

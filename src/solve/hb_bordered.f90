@@ -106,6 +106,7 @@ contains
       self%n_base = base%n_unknowns
       self%n_unknowns = self%n_base + size(which)
       self%has_products = base%has_products
+      if (base%largest_dense == 0) self%largest_dense = 0              ! there are products alone
       self%residual_work = base%residual_work
       self%tangent_work = base%tangent_work
       self%preconditioner_work = base%preconditioner_work

@@ -23,7 +23,7 @@ module hb_curve
    use hb_zero_bracket, only: new_zero_bracket, zero_bracket_t
    implicit none
    private
-   public :: curve_config_t, curve_t, event_t, new_curve, path_t
+   public :: curve_config_t, curve_t, event_t, new_curve, path_t, solve_next_to
 
    real(wp), parameter :: min_growth = 0.05_wp ! of a functional along the curve, relative to its largest component
 
@@ -256,7 +256,7 @@ contains
       if (self%report%is_out_of_work) self%status = outcome%out_of_budget
    end subroutine curve_point_at
 
-   !> Corrects a point, with the method for its size.
+   !> Corrects a point near a solution, with the method for its size.
    subroutine solve_next_to(problem, config, x, report)
       type(bordered_problem_t), intent(inout) :: problem
       type(solver_config_t), intent(in) :: config
@@ -387,7 +387,7 @@ contains
       problem = self%problem
       call problem%hold(plane_t([0.0_wp*x(2:), 1.0_wp], x(size(x))))
       there = x
-      call solve_newton(problem, self%corrector, there, report)
+      call solve_next_to(problem, self%corrector, there, report)
       call self%report%add(report)
       there(size(x)) = x(size(x))
       is_there = report%status == outcome%converged .and. maxval(abs(there - x)/self%units) < equality_tolerance ! else near a fold

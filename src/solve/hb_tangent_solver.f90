@@ -46,6 +46,7 @@ contains
          if (problem%has_preconditioner) largest_dense = min(largest_dense, problem%largest_dense)
       end if
       if (present(are_many)) largest_dense = merge(max(largest_dense, largest_of_many), largest_dense, are_many)
+      if (problem%largest_dense == 0) largest_dense = 0
       if (problem%has_products .and. problem%n_unknowns > largest_dense) then
          allocate (self%krylov)
          call new_tangent_krylov(self%krylov, problem, config%krylov_vectors, config%krylov_products)

@@ -24,8 +24,7 @@ module hb_contact_flexibility
    integer, parameter :: vectors_together = 60               !! of this iteration, in memory: a multiple of `block_width`
    integer, parameter :: max_vectors = 480                   !! of it: modes up to the least margin suffice then
    real(wp), parameter :: least_margin = 1.5_wp              !! of the highest mode over the highest frequency
-   real(wp), parameter :: ample_margin = 2.5_wp              !! below it more modes are sought
-   real(wp), parameter :: mode_frequency_ratio = 2.7_wp      !! when modes are computed
+   real(wp), parameter :: mode_frequency_ratio = 2.2_wp      !! when modes are computed, over a frequency of `half_octave_above`
    real(wp), parameter :: projection_rounding = 1.0e-11_wp   !! relative
 
    !> Owner of external resources: call `destroy`.
@@ -41,7 +40,7 @@ module hb_contact_flexibility
       real(wp), allocatable :: at_contacts(:, :)             !! B phi, (n, n_modes)
       real(wp), allocatable :: squares(:)                    !! lambda [rad**2/s**2], ascending, (n_modes)
       real(wp) :: up_to = -1.0_wp                            !! all modes below are there [rad/s]; < 0: none computed
-      real(wp), private :: not_covered = huge(1.0_wp)        ! lowest frequency for which there are too many
+      real(wp), private :: sought = -1.0_wp                  ! frequency below which modes were sought [rad/s]; < 0: none
       real(wp), private :: fingerprint(9) = 0.0_wp           ! of the matrices
    contains
       procedure :: is_of => contact_flexibility_is_of
@@ -295,17 +294,34 @@ contains
    end function contact_matrix
 
    !> Computes the modes that responses up to a frequency need, unless they are there; `is_covered` is false if there are too many.
-   subroutine contact_flexibility_cover(self, frequency, is_covered)
+   !> A new point has those of its frequency alone: its numbers do not depend on what was computed before.
+   subroutine contact_flexibility_cover(self, frequency, is_covered, is_new_point)
       class(contact_flexibility_t), intent(inout) :: self
       real(wp), intent(in) :: frequency                      !! [rad/s]
       logical, intent(out) :: is_covered
+      logical, intent(in), optional :: is_new_point          !! default: more modes than needed may be there
+      real(wp) :: seek
+      logical :: is_sought
 
-      if (self%up_to < ample_margin*frequency .and. frequency < self%not_covered) then
-         call find_modes(self, mode_frequency_ratio*frequency)
-         if (self%up_to < ample_margin*frequency) self%not_covered = min(frequency, self%not_covered)
+      seek = mode_frequency_ratio*half_octave_above(frequency)
+      is_sought = self%sought >= seek
+      if (present(is_new_point)) is_sought = is_sought .and. .not. (is_new_point .and. self%sought > seek)
+      if (self%sought >= 0.0_wp .and. self%up_to < self%sought .and. seek > self%sought) is_sought = .true.   ! by all vectors
+      if (.not. is_sought) then
+         call find_modes(self, seek)
+         self%sought = seek
       end if
       is_covered = self%up_to >= least_margin*frequency
    end subroutine contact_flexibility_cover
+
+   !> The next frequency of a scale that has two in an octave: points with similar frequencies share their modes.
+   pure real(wp) function half_octave_above(frequency)
+      real(wp), intent(in) :: frequency
+      real(wp), parameter :: of_rounding = 1.0e-9_wp
+
+      half_octave_above = frequency
+      if (frequency > 0.0_wp) half_octave_above = 2.0_wp**(0.5_wp*ceiling(2.0_wp*log(frequency)/log(2.0_wp) - of_rounding))
+   end function half_octave_above
 
    !> Computes all modes below a frequency; with the most vectors, or if there is not enough memory, those that are accurate.
    subroutine find_modes(self, frequency)

@@ -11,11 +11,14 @@
 !> of an iteration and never of what it converges to. Real and imaginary parts of all harmonics are right sides of one
 !> solution.
 !>
+!> Along a curve the frequencies and the other forces change: S x' = f' - S' x with S' = c' K_k - s' M, where K_k x follows from
+!> S x = f.
+!>
 !> The stiffness of a closed contact is c k, with the damping of the structure: it is part of S here and subtracted from the
 !> laws. Source: docs/why/theory.md, section 4; D. J. Rixen, J. Comput. Appl. Math. 168 (2004) 383 (residual flexibility).
 module hb_contact_response
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_amplitudes, only: amplitudes_t
+   use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_contact_flexibility, only: contact_flexibility_t
    use hb_kinds, only: wp
    use hb_lapack, only: dgemm
@@ -32,14 +35,18 @@ module hb_contact_response
       complex(wp), allocatable :: stuck(:, :)                !! motion of the coordinates under the loads, contacts stuck [m], (n,
                                                              !! n_harmonics)
       type(amplitudes_t) :: loads                            !! [N], of all degrees of freedom
+      type(amplitudes_t) :: load_slopes                      !! by the frequency of the harmonic [N s], likewise
       complex(wp), allocatable, private :: force(:, :), motion(:, :)  ! of the last `respond`
       complex(wp), allocatable, private :: force_of_all(:, :), all_dofs(:, :) ! of the last `recover`
    contains
       procedure :: multiply => contact_response_multiply
       procedure :: respond => contact_response_respond
       procedure :: contact_stiffness => contact_response_contact_stiffness
+      procedure :: contact_stiffness_slope => contact_response_contact_stiffness_slope
       procedure :: recover => contact_response_recover
+      procedure :: find_slope => contact_response_find_slope
       procedure :: restricted_to => contact_response_restricted_to
+      procedure :: response_to => contact_response_response_to
       procedure :: work => contact_response_work
       procedure, private :: find_motion => contact_response_find_motion
    end type contact_response_t
@@ -47,20 +54,41 @@ module hb_contact_response
 contains
 
    !> Creates the responses at some frequencies, up to which the modes suffice.
-   subroutine new_contact_response(self, flexibility, frequencies, loads)
+   subroutine new_contact_response(self, flexibility, frequencies, loads, load_slopes)
       type(contact_response_t), intent(out) :: self
       type(contact_flexibility_t), intent(in), target :: flexibility
       real(wp), intent(in) :: frequencies(:)                 !! [rad/s]
       type(amplitudes_t), intent(in) :: loads                !! [N], of all degrees of freedom
-      complex(wp), allocatable :: nothing(:, :)
+      type(amplitudes_t), intent(in), optional :: load_slopes !! by the frequencies [N s]; default zero
 
       self%flexibility => flexibility
       self%frequencies = frequencies
       self%loads = loads
-      allocate (nothing(flexibility%n, size(frequencies)), source=(0.0_wp, 0.0_wp))
-      allocate (self%stuck, mold=nothing)
-      call self%find_motion(nothing, .true., self%stuck)
+      call new_amplitudes(self%load_slopes, flexibility%n_dofs, size(frequencies))
+      if (present(load_slopes)) self%load_slopes = load_slopes
+      call self%response_to(loads, self%stuck)
    end subroutine new_contact_response
+
+   !> Motion of the coordinates under some forces, contacts stuck.
+   subroutine contact_response_response_to(self, loads, z)
+      class(contact_response_t), intent(in) :: self
+      type(amplitudes_t), intent(in) :: loads                !! [N], of all degrees of freedom
+      complex(wp), intent(out), allocatable :: z(:, :)       !! [m], (n, n_harmonics)
+      type(contact_response_t) :: loaded
+      real(wp), allocatable :: e(:, :)
+      complex(wp), allocatable :: part(:, :)
+
+      associate (n => self%flexibility%n, harmonics => loads%harmonics)
+         allocate (z(n, size(self%frequencies)), source=(0.0_wp, 0.0_wp))
+         if (size(harmonics) == 0) return
+         loaded%flexibility => self%flexibility
+         loaded%frequencies = self%frequencies(harmonics)
+         allocate (e, source=rows_of(loads%values))
+         allocate (part(n, size(harmonics)))
+         call find_response(loaded, e, part)
+         z(:, harmonics) = part
+      end associate
+   end subroutine contact_response_response_to
 
    !> Motion of the coordinates in response to forces there, without loads, by the modes and the first term of the sum.
    subroutine contact_response_multiply(self, force, z)
@@ -105,6 +133,61 @@ contains
       stiffness = self%flexibility%contact(i)*factor_at(self, h)
    end function contact_response_contact_stiffness
 
+   !> Its derivative by the frequency of the harmonic [N s/m].
+   pure complex(wp) function contact_response_contact_stiffness_slope(self, i) result(slope)
+      class(contact_response_t), intent(in) :: self
+      integer, intent(in) :: i
+
+      slope = cmplx(0.0_wp, self%flexibility%contact(i)*self%flexibility%by_stiffness, wp)
+   end function contact_response_contact_stiffness_slope
+
+   !> Derivative of the motion of the coordinates where the frequencies change by `rates`, with them the loads, and the forces at
+   !> the contacts by `force_slope`.
+   subroutine contact_response_find_slope(self, force, rates, force_slope, z)
+      class(contact_response_t), intent(inout) :: self
+      complex(wp), intent(in) :: force(:, :)                 !! as for `recover` [N], (n, n_harmonics)
+      real(wp), intent(in) :: rates(:)                       !! (n_harmonics)
+      complex(wp), intent(in) :: force_slope(:, :)           !! as force
+      complex(wp), intent(out) :: z(:, :)                    !! as force
+      complex(wp), allocatable :: motion(:, :)
+      complex(wp) :: ratio, square_slope
+      real(wp), allocatable :: e(:, :), f(:, :), inertia(:, :)
+      integer :: h
+
+      associate (flexibility => self%flexibility, at => self%flexibility%coordinates)
+         allocate (e(2*size(force, 2), flexibility%n_dofs), source=0.0_wp)
+         e(:, at%dofs) = at%spread_forces(rows_of(force_slope))
+         call add_loads(self%load_slopes, e, rates)
+         if (any(abs(rates) > 0.0_wp)) then
+            allocate (motion(flexibility%n_dofs, size(rates)))
+            call self%recover(force, motion)
+            allocate (inertia, mold=e)
+            call flexibility%mass%times(rows_of(motion), inertia)
+            allocate (f, mold=e)
+            f = 0.0_wp
+            f(:, at%dofs) = at%spread_forces(rows_of(force))
+            call add_loads(self%loads, f)
+            do h = 1, size(rates)
+               ratio = cmplx(0.0_wp, rates(h)*flexibility%by_stiffness, wp)/factor_at(self, h)
+               square_slope = rates(h)*cmplx(2.0_wp*self%frequencies(h), -flexibility%by_mass, wp)
+               call add_product(-ratio, f(2*h - 1:2*h, :), e(2*h - 1:2*h, :))
+               call add_product(square_slope - ratio*square_at(self, h), inertia(2*h - 1:2*h, :), e(2*h - 1:2*h, :))
+            end do
+         end if
+      end associate
+      call find_response(self, e, z)
+   end subroutine contact_response_find_slope
+
+   !> Adds a number times a row of complex numbers, given by real and imaginary parts.
+   pure subroutine add_product(factor, row, total)
+      complex(wp), intent(in) :: factor
+      real(wp), intent(in) :: row(:, :)                      !! (2, any)
+      real(wp), intent(inout) :: total(:, :)                 !! likewise
+
+      total(1, :) = total(1, :) + real(factor)*row(1, :) - aimag(factor)*row(2, :)
+      total(2, :) = total(2, :) + aimag(factor)*row(1, :) + real(factor)*row(2, :)
+   end subroutine add_product
+
    !> Motion of all degrees of freedom under the loads and forces at the contacts.
    subroutine contact_response_recover(self, force, x)
       class(contact_response_t), intent(inout) :: self
@@ -134,6 +217,7 @@ contains
       allocate (part%frequencies(size(retained)), source=self%frequencies(retained))
       allocate (part%stuck(size(self%stuck, 1), size(retained)), source=self%stuck(:, retained))
       part%loads = self%loads%at(retained)
+      part%load_slopes = self%load_slopes%at(retained)
    end function contact_response_restricted_to
 
    !> Work of a product, see hb_solver_types%unit_of_work: measured, about 20 Gflop/s.
@@ -160,9 +244,7 @@ contains
       square = cmplx(self%frequencies(h)**2, -self%frequencies(h)*self%flexibility%by_mass, wp)
    end function square_at
 
-   !> Solves S x = f for forces at contacts and, if wanted, the loads: adds terms of the sum until they are below
-   !> `series_tolerance` of the motion at the contacts, or of `size_of_motion` if this is larger. Harmonics whose terms are not are
-   !> NaN at the contacts.
+   !> Solves S x = f for forces at contacts and, if wanted, the loads.
    subroutine contact_response_find_motion(self, force, with_loads, z, size_of_motion, x)
       class(contact_response_t), intent(in) :: self
       complex(wp), intent(in) :: force(:, :)                 !! [N], (n, n_harmonics)
@@ -170,7 +252,25 @@ contains
       complex(wp), intent(out) :: z(:, :)                    !! [m], as force
       real(wp), intent(in), optional :: size_of_motion       !! [m]
       complex(wp), intent(out), optional :: x(:, :)          !! [m], (n_dofs, n_harmonics)
-      real(wp), allocatable :: along(:, :), e(:, :), e_at_contacts(:, :)
+      real(wp), allocatable :: e(:, :)
+
+      associate (flexibility => self%flexibility, at => self%flexibility%coordinates)
+         allocate (e(2*size(z, 2), flexibility%n_dofs), source=0.0_wp)
+         e(:, at%dofs) = at%spread_forces(rows_of(force))
+      end associate
+      if (with_loads) call add_loads(self%loads, e)
+      call find_response(self, e, z, size_of_motion, x)
+   end subroutine contact_response_find_motion
+
+   !> Solves S x = f: adds terms of the sum until they are below `series_tolerance` of the motion at the contacts, or of `size_of_motion` if
+   !> this is larger. Harmonics of which they are not are NaN at the contacts.
+   subroutine find_response(self, e, z, size_of_motion, x)
+      class(contact_response_t), intent(in) :: self
+      real(wp), intent(inout), allocatable :: e(:, :)        !! f [N] as `rows_of`, (2 n_harmonics, n_dofs); overwritten
+      complex(wp), intent(out) :: z(:, :)                    !! [m], (n, n_harmonics)
+      real(wp), intent(in), optional :: size_of_motion       !! [m]
+      complex(wp), intent(out), optional :: x(:, :)          !! [m], (n_dofs, n_harmonics)
+      real(wp), allocatable :: along(:, :), e_at_contacts(:, :)
       integer, allocatable :: active(:)                      ! harmonics whose terms are not yet small
       complex(wp) :: c, ratio
       logical :: is_small(size(z, 2))
@@ -178,9 +278,6 @@ contains
       integer :: h, j
 
       associate (flexibility => self%flexibility, at => self%flexibility%coordinates)
-         allocate (e(2*size(z, 2), flexibility%n_dofs), source=0.0_wp)
-         e(:, at%dofs) = at%spread_forces(rows_of(force))
-         if (with_loads) call add_loads(self%loads, e)
          allocate (along(size(e, 1), size(flexibility%squares)))
          call project(flexibility%shapes, e, along)
          call flexibility%factor%solve(e)
@@ -208,7 +305,7 @@ contains
          end do
          z(:, pack(active, .not. is_small(active))) = ieee_value(1.0_wp, ieee_quiet_nan)    ! no motion rather than a wrong one
       end associate
-   end subroutine contact_response_find_motion
+   end subroutine find_response
 
    !> Leaves out the two rows of some harmonics.
    subroutine retain(is_retained, e)
@@ -246,15 +343,19 @@ contains
       end do
    end function rows_of
 
-   pure subroutine add_loads(loads, forces)
+   pure subroutine add_loads(loads, forces, factors)
       type(amplitudes_t), intent(in) :: loads
       real(wp), intent(inout) :: forces(:, :)                !! as `rows_of`
+      real(wp), intent(in), optional :: factors(:)           !! (n_harmonics), default 1
+      real(wp) :: factor
       integer :: k
 
       do k = 1, size(loads%harmonics)
          associate (h => loads%harmonics(k))
-            forces(2*h - 1, :) = forces(2*h - 1, :) + real(loads%values(:, k))
-            forces(2*h, :) = forces(2*h, :) + aimag(loads%values(:, k))
+            factor = 1.0_wp
+            if (present(factors)) factor = factors(h)
+            forces(2*h - 1, :) = forces(2*h - 1, :) + factor*real(loads%values(:, k))
+            forces(2*h, :) = forces(2*h, :) + factor*aimag(loads%values(:, k))
          end associate
       end do
    end subroutine add_loads

@@ -73,6 +73,7 @@ module hb_dynamic_stiffness
       procedure :: get_columns => dynamic_stiffness_get_columns
       procedure :: largest_entry => dynamic_stiffness_largest_entry
       procedure :: move => dynamic_stiffness_move
+      procedure :: change_contacts => dynamic_stiffness_change_contacts
       procedure :: transfer_to => dynamic_stiffness_transfer_to
       procedure :: adopt_loads => dynamic_stiffness_adopt_loads
       procedure :: restricted_to => dynamic_stiffness_restricted_to
@@ -176,11 +177,12 @@ contains
    end subroutine condensed_to_coordinates
 
    !> Makes the stiffness of many contacts of a whole model, whose flexibility the caller keeps.
-   subroutine new_contact_stiffness(self, flexibility, frequencies, loads)
+   subroutine new_contact_stiffness(self, flexibility, frequencies, loads, load_slopes)
       type(dynamic_stiffness_t), intent(out) :: self
       type(contact_flexibility_t), intent(in), target :: flexibility  !! with the modes for the highest frequency
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
       type(amplitudes_t), intent(in) :: loads                         !! [N]
+      type(amplitudes_t), intent(in), optional :: load_slopes         !! by the frequencies [N s], as in wanted_slopes_t
 
       self%n_dofs = flexibility%n_dofs
       self%n_law = flexibility%n
@@ -188,10 +190,32 @@ contains
       self%coordinates = flexibility%coordinates
       call new_block_pattern(self%pattern, self%n_law, 0)
       allocate (self%contacts, self%free_dofs(0))
-      call new_contact_response(self%contacts, flexibility, frequencies, loads)
+      call new_contact_response(self%contacts, flexibility, frequencies, loads, load_slopes)
       self%magnitude = spread(flexibility%contact, 2, self%n_harmonics)
       self%load = self%magnitude*self%contacts%stuck
    end subroutine new_contact_stiffness
+
+   !> The same contacts at other frequencies or under other loads; fails where the modes cannot cover the frequencies.
+   subroutine dynamic_stiffness_change_contacts(self, frequencies, loads, load_slopes, error)
+      class(dynamic_stiffness_t), intent(inout) :: self
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      type(amplitudes_t), intent(in) :: loads, load_slopes            !! as for `new_contact_stiffness`
+      type(error_t), allocatable, intent(out) :: error
+      type(contact_response_t) :: changed
+      logical :: is_covered
+
+      associate (flexibility => self%contacts%flexibility)
+         call flexibility%cover(maxval(abs(frequencies)), is_covered)
+         if (.not. is_covered) then
+            call fail(error, "the model has too many modes below "//to_text(maxval(abs(frequencies)))//" rad/s, the highest "// &
+                      "frequency of the motion; lower the order, or reduce the model (nhbm-model reduce)")
+            return
+         end if
+         call new_contact_response(changed, flexibility, frequencies, loads, load_slopes)
+      end associate
+      self%contacts = changed
+      self%load = self%magnitude*self%contacts%stuck
+   end subroutine dynamic_stiffness_change_contacts
 
    !> Entry (i, k) of S_c of harmonic h [N/m], which must be in its pattern.
    pure complex(wp) function dynamic_stiffness_entry(self, i, k, h) result(entry)
@@ -253,7 +277,7 @@ contains
    end function dynamic_stiffness_largest_entry
 
    !> Condenses at other frequencies, reusing all data that do not depend on the frequency; only for a stiffness with
-   !> slopes. Fails as `new_dynamic_stiffness` does.
+   !> slopes, or of contacts. Fails as `new_dynamic_stiffness` does.
    subroutine dynamic_stiffness_move(self, frequencies, drives, error)
       class(dynamic_stiffness_t), intent(inout) :: self
       real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics), of any sign
@@ -261,6 +285,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       class(condensation_t), allocatable :: condensation
 
+      if (allocated(self%contacts)) then
+         if (any(abs(drives) > 0.0_wp)) then
+            call fail(error, "dynamic stiffness: contacts of a whole model have no artificial damping")
+         else
+            call self%change_contacts(frequencies, (self%contacts%loads), (self%contacts%load_slopes), error)
+         end if
+         return
+      end if
       if (.not. allocated(self%condensation)) then
          call fail(error, "dynamic stiffness: created without slopes, it cannot be evaluated at other frequencies")
          return

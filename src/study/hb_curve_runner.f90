@@ -5,6 +5,7 @@ module hb_curve_runner
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, stage, technique
    use hb_cancellation, only: cancellation_t, verdict, work_is_over
+   use hb_contact_parts, only: contact_parts_t, free_contact_parts
    use hb_curve_jumps, only: curve_jumps_t
    use hb_curve_request, only: curve_request_t
    use hb_error, only: error_t
@@ -35,6 +36,7 @@ module hb_curve_runner
       type(curve_jumps_t), private :: jumps
       logical, private :: may_integrate = .true.                      ! of the model, before an attempt has changed it
       logical, private :: has_begun = .false.
+      type(contact_parts_t), pointer, private :: contact_parts => null() ! of its systems, owned
       real(wp), private :: last_parameter = 0.0_wp                    ! of the last point
       integer, private :: last_branch = 0                             ! likewise
    contains
@@ -69,6 +71,11 @@ contains
       call self%destroy()
       self%part = self%request
       self%may_integrate = self%model%options%may_integrate
+      nullify (self%model%system%contact_parts)
+      if (size(self%model%options%gradient%by) == 0) then             ! else contacts are condensed
+         allocate (self%contact_parts)
+         self%model%system%contact_parts => self%contact_parts
+      end if
       call new_curve_of(self%curve, self%model%system, self%model%options, self%part)
       call self%jumps%begin(self%request, self%request%start)
       self%is_done = .false.
@@ -292,5 +299,7 @@ contains
       if (.not. allocated(self%curve)) return
       call self%curve%destroy()
       deallocate (self%curve)
+      nullify (self%model%system%contact_parts)
+      call free_contact_parts(self%contact_parts)
    end subroutine curve_runner_destroy
 end module hb_curve_runner

@@ -34,9 +34,9 @@ module hb_study
 
    !> An input without errors, ready to run.
    type :: study_t
-      type(document_t) :: document                                    !! the input after overrides, as `model` was read from it
+      type(document_t) :: document                                    !! the input after overrides, with the values of `model`
       type(sweep_plan_t) :: plan
-      type(model_t) :: model                                          !! of the first point
+      type(model_t) :: model                                          !! of the first point, after a run of the last one
       integer, allocatable :: tuples(:, :)                            !! union of the sets of all points, (n_tones, any)
       character(:), allocatable :: input_text                         !! the input as given
       character(:), allocatable :: input_overrides                    !! path=value, one per line

@@ -77,7 +77,7 @@ contains
    !> Solves all points, or those that a previous run has not solved, and writes them; collective. An error is a
    !> failure of the result file; errors of single points are recorded in the file.
    subroutine run_study(self, options, comm, summary, error)
-      type(study_t), intent(inout) :: self                            !! the matrices of a large model are moved from it
+      type(study_t), intent(inout) :: self                            !! afterwards at the point that was read last
       type(run_options_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
       type(run_summary_t), intent(out) :: summary
@@ -93,7 +93,10 @@ contains
       end if
       allocate (run)
       call prepare(self, options, comm, run, summary, error)
-      if (allocated(error)) return
+      if (allocated(error)) then
+         call return_model(run%source, self)
+         return
+      end if
       call run%source%layout%forget_values()
       run%schedule%block_seconds = run%results%hold_seconds()
       run%ending%progress => run%progress
@@ -101,6 +104,7 @@ contains
       call new_interruption(run%ending%interruption_t, options%time_limit - (wall_clock() - started), comm, error)
       if (.not. allocated(error)) call solve_points(self, options, comm, run, summary, error)
       call run%source%cached%destroy()
+      call return_model(run%source, self)
       if (allocated(error)) then
          call run%results%abandon()                                   ! closing is collective, and fails if writing has failed
       else
@@ -168,16 +172,12 @@ contains
 
       run%source%rank = rank_of(comm)
       run%source%document = self%document
-      if (allocated(self%plan%curve)) then
-         run%source%model = self%model                                ! a curve may run again with more points
-      else
-         call copy_model(self%model, run%source%model)
-      end if
       run%source%plan = self%plan
       run%source%available_memory = self%available_memory
       run%source%callbacks = self%callbacks
       run%source%purpose = self%purpose
       call describe_layout(self, size_of(comm), run%source%layout)
+      call hand_over_model(self%model, run%source%model)
       call new_schedule(run%schedule, self%plan%n_points, self%plan%n_fastest(), &
          length_of_units(self%plan, self%model), size_of(comm), block_seconds=0.0_wp)
       run%is_checked = are_checked(self%plan, self%model)
@@ -198,7 +198,7 @@ contains
    end subroutine prepare
 
    !> Copies a model, but moves its large matrices, of which a second copy would take as much memory as the solution.
-   subroutine copy_model(from, to)
+   subroutine hand_over_model(from, to)
       type(model_t), intent(inout) :: from
       type(model_t), intent(out) :: to
       type(structure_t) :: large
@@ -206,7 +206,17 @@ contains
       call move_alloc(from%system%structure%sparse, large%sparse)
       to = from
       call move_alloc(large%sparse, to%system%structure%sparse)
-   end subroutine copy_model
+   end subroutine hand_over_model
+
+   !> Returns the model to the study, with the document that has its values: another run goes on from there as from any other point.
+   subroutine return_model(source, study)
+      type(point_source_t), intent(inout) :: source
+      type(study_t), intent(inout) :: study
+
+      nullify (source%model%system%contact_parts)                     ! freed
+      call hand_over_model(source%model, study%model)
+      study%document = source%document
+   end subroutine return_model
 
    !> Counts all points of the file: a continued curve has points of both runs.
    subroutine recount(path, summary, error)

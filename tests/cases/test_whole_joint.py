@@ -177,3 +177,54 @@ def test_ranks_have_the_points_of_one_process(joint):
     alone = solve(text, joint, name="one_rank", status=None)
     shared = solve(text, joint, name="two_ranks", status=None, ranks=2)
     np.testing.assert_array_equal(read(shared, "coefficients"), read(alone, "coefficients"))
+
+
+QUICK = "\n&solver first_guess = 'linear' /\n&error_estimate is_on = .false. /\n&stability method = 'off' /\n"
+
+
+def quick(load: float, frequency: float = 6000.0) -> str:
+    """The whole joint at order 3, without what follows from a motion."""
+    text = REST.replace("order = 5", "order = 3").replace("6000.0", str(frequency))
+    return text.format(file="parts.h5", load=load) + WHOLE + QUICK
+
+
+@pytest.mark.parametrize(
+    "path, ends, values",
+    [("tones(1)%frequency", (5900.0, 6100.0), (5950.0, 6080.0)), ("load(2)%cos", (1300.0, 1500.0), (1340.0, 1470.0))],
+)
+def test_curve_of_a_whole_model_has_the_motions_of_points(joint, path, ends, values):
+    numbers = ", ".join(map(str, values))
+    request = f"&curve parameter = '{path}', from = {ends[0]}, to = {ends[1]}, values = {numbers} /\n"
+    curve = solve(quick(1400.0) + request, joint, name="curve_of_whole", status=None)
+    points = solve(quick(1400.0) + f"&sweep parameter = '{path}', values = {numbers} /\n", joint, name="points_of_whole", status=None)
+    with h5py.File(curve) as file:
+        names = file["curve_kind"].attrs["flag_meanings"].split()
+        kinds = [names[i] for i in file["curve_kind"][()]]
+    located = [i for i, kind in enumerate(kinds) if kind == "value"]
+    assert len(located) == len(values)
+    expected = read(points, "coefficients")
+    assert np.abs(read(curve, "coefficients")[located] - expected).max() < 1e-7 * np.abs(expected).max()
+    assert "end" in kinds
+
+
+def test_curve_of_a_whole_model_resumes_to_the_same_bits(joint):
+    request = "&curve parameter = 'tones(1)%frequency', from = 5900.0, to = 6100.0, points = {} /\n"
+    whole = solve(quick(1400.0) + request.format(30), joint, name="curve_at_once", status=None)
+    solve(quick(1400.0) + request.format(3), joint, name="curve_in_parts", status=None)
+    run("resume", "curve_in_parts.h5", "--set", "curve%points=30", cwd=joint)
+    np.testing.assert_array_equal(read(joint / "curve_in_parts.h5", "coefficients"), read(whole, "coefficients"))
+
+
+def test_points_at_other_frequencies_are_those_of_their_own(joint):
+    swept = "&sweep parameter = 'tones(1)%frequency', values = 5000.0, 7600.0, 5100.0 /\n"
+    sweep = solve(quick(1400.0) + swept, joint, name="frequencies", status=None)
+    alone = solve(quick(1400.0, 5100.0), joint, name="one_frequency", status=None)
+    np.testing.assert_array_equal(read(sweep, "coefficients")[-1], read(alone, "coefficients")[0])
+
+
+def test_walls_of_a_whole_model_are_solved_with_advice(joint):
+    wall = "&law type = 'rigid_wall', label = 'wall', dofs = 'joint_1.z', 'joint_2.z', weights = -1.0, 1.0, gap = 0.0 /\n"
+    text = REST.format(file="parts.h5", load=1400.0) + wall
+    (joint / "wall.nml").write_text(text)
+    found = run("check", "wall.nml", cwd=joint)
+    assert "nhbm-model reduce" in found.stdout + found.stderr

@@ -7,7 +7,7 @@ module hb_balance_branch
    use hb_basis, only: basis_t, whole_basis
    use hb_bifurcation_error, only: add_error_of_bifurcation, add_error_of_graze
    use hb_bordered, only: bordered_problem_t, new_bordered_problem, plane_t
-   use hb_curve, only: curve_config_t, curve_t
+   use hb_curve, only: curve_config_t, curve_t, solve_next_to
    use hb_curve_branches, only: branches_t, origin_t
    use hb_curve_course, only: curve_course_t
    use hb_curve_events, only: event_values_t
@@ -27,7 +27,6 @@ module hb_balance_branch
    use hb_motion_description, only: describe_motion, solution_t, stability_of
    use hb_motion_images, only: copies_of, image_of, nearest_phases
    use hb_motion_result, only: curve_position_t, motion_result_t
-   use hb_newton, only: solve_newton
    use hb_normal_mode, only: amplitude_functionals
    use hb_options, only: options_t
    use hb_outcome, only: outcome
@@ -169,6 +168,9 @@ contains
       call new_model_problem(self%problem, found%system, found%discretisation, found%options, self%request%moving, &
                              self%request%start, error)
       if (allocated(error)) return
+      if (allocated(self%problem%stiffness%contacts) .and. self%problem%moves_frequency) &
+         call found%system%contact_parts%cover(maxval(abs(self%problem%frequencies))* &
+                                               max(self%request%from, self%request%to)/self%request%start)
       self%level = level_t(level%set, level%n_samples)
       self%problem%which = [which, self%problem%own]
       self%n_further = size(self%problem%which)
@@ -330,7 +332,7 @@ contains
                                 10.0_wp*self%roughness)
       corrector%max_iterations = 2*max_corrections
       do
-         call solve_newton(problem, corrector, x, report)
+         call solve_next_to(problem, corrector, x, report)
          is_found = report%status == outcome%converged
          if (is_found) exit
          call self%relax(is_relaxed)
@@ -660,6 +662,7 @@ contains
       allocate (known%extremes(2, 0))
       associate (laws => self%problem%model%system%laws)
          if (all([(laws(i)%law%n_switches == 0, i=1, size(laws))])) return
+         if (allocated(self%problem%stiffness%contacts)) return       ! contacts begin and end one by one all along the curve
          call find_motion(self%problem, x, c)
          if (allocated(c)) &
             call extremes_of_switches(laws, self%problem%harmonics%tuples, self%problem%omega, c, known%extremes)

@@ -145,7 +145,8 @@ contains
       slope = [along]
    end function reaction_slope
 
-   !> The part of loads in it: the condensed derivatives of the loads, of the harmonics that have any.
+   !> The part of loads in it: the condensed derivatives of the loads, of the harmonics that have any; of contacts of a whole model
+   !> the forces of these in the motion, see hb_linear_part.
    function slope_of_loads(balance, model, loads) result(slope)
       class(balance_t), intent(in) :: balance
       type(model_t), intent(in) :: model
@@ -154,8 +155,14 @@ contains
       type(dynamic_stiffness_t) :: stiffness
       type(error_t), allocatable :: error
       type(wanted_slopes_t) :: wanted
+      complex(wp), allocatable :: motion(:, :)
       complex(wp) :: along(balance%n_dofs, balance%harmonics%n_harmonics)
 
+      if (allocated(balance%stiffness%contacts)) then
+         call balance%stiffness%contacts%response_to(loads, motion)
+         slope = [balance%harmonics%coefficients(balance%stiffness%magnitude*motion)]
+         return
+      end if
       along = (0.0_wp, 0.0_wp)
       associate (positions => loads%harmonics)
          wanted%of_interior = .false.

@@ -5,7 +5,7 @@ submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_block_factors, only: least_rough
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
-   use hb_contact_flexibility, only: pays_to_factorise
+   use hb_contact_parts, only: is_factorised
    use hb_coordinates, only: coordinates_t
    use hb_hysteresis_tangent, only: block_width
    use hb_hysteretic_law, only: n_path_parts
@@ -246,7 +246,7 @@ contains
       self%is_rigid = any([(laws(i)%law%is_multiplier, i=1, n)])
       self%n_kinds = 1 + count([any([(laws(i)%law%needs_velocity, i=1, n)]), self%is_rigid])
       if (coordinates%n == 0) return
-      self%is_whole = pays_to_factorise(system%structure, coordinates)
+      self%is_whole = is_factorised(system%structure, coordinates, laws)
       if (self%is_whole) self%factors = factors_of_whole*self%factors
       self%linear_bandwidth = coordinates%n - 1
       self%bandwidth = coordinates%n - 1

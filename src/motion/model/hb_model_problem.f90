@@ -11,12 +11,14 @@
 module hb_model_problem
    use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
+   use hb_contact_stiffness, only: contact_stiffness_of
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t, fail
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
+   use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_linear_slopes, only: beside_t, find_slopes_between, find_slopes_by, linear_slopes_t, reaction_slope
    use hb_model, only: model_t
    use hb_model_number, only: has_number, moving_value_t, values_at
@@ -159,8 +161,14 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
 
+      logical :: is_same
+
       coordinates = coordinates_of(self%model%system)
-      if (coordinates%equal(self%stiffness%coordinates)) then
+      is_same = coordinates%equal(self%stiffness%coordinates)
+      if (is_same .and. allocated(self%stiffness%contacts)) &
+         is_same = all(contact_stiffness_of(laws_at(coordinates, self%model%system%laws), coordinates%n) == &
+                       self%stiffness%magnitude(:, 1))
+      if (is_same) then
          call self%balance_t%replace_laws(laws_at(coordinates, self%model%system%laws))
          self%is_sound = .true.
       else
@@ -174,6 +182,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(coordinates_t) :: coordinates
       type(dynamic_stiffness_t) :: stiffness
+      class(linear_part_t), allocatable :: linear
       real(wp), allocatable :: xi(:)
       integer :: n_before
       logical :: has_slopes, keeps_stiffness
@@ -188,20 +197,25 @@ contains
             call fail(error, "a curve needs unknowns: a law, or a degree of freedom that is kept")
             return
          end if
-         keeps_stiffness = self%movement%is_of_laws() .and. self%has_stiffness .and. .not. self%follows_tones()
-         if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
-         if (keeps_stiffness) then
-            call self%stiffness%transfer_to(stiffness)
-         else
-            call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, &
-               model%discretisation%harmonics%frequencies(model%system%tones%omega), &
-               model%system%loads_in(model%discretisation%harmonics), error, &
-               wanted_slopes_t(is_on=has_slopes, of_motion=model%system%normal_mode%has_energy, &
-                               loads=model%system%load_slopes_in(model%discretisation%harmonics)))
-            if (allocated(error)) return
+         call find_contacts(self, coordinates, linear)
+         if (.not. allocated(linear)) then
+            keeps_stiffness = self%movement%is_of_laws() .and. self%has_stiffness .and. .not. self%follows_tones()
+            if (keeps_stiffness) keeps_stiffness = coordinates%equal(self%stiffness%coordinates)
+            if (keeps_stiffness) then
+               call self%stiffness%transfer_to(stiffness)
+            else
+               call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, &
+                  model%discretisation%harmonics%frequencies(model%system%tones%omega), &
+                  model%system%loads_in(model%discretisation%harmonics), error, &
+                  wanted_slopes_t(is_on=has_slopes, of_motion=model%system%normal_mode%has_energy, &
+                                  loads=model%system%load_slopes_in(model%discretisation%harmonics)))
+               if (allocated(error)) return
+            end if
+            allocate (linear)
+            call new_linear_part(linear, stiffness)
          end if
          call new_balance(self%balance_t, model%discretisation%harmonics, model%discretisation%torus, model%system%tones%omega, &
-                          stiffness, laws_at(coordinates, model%system%laws), error)
+                          linear, laws_at(coordinates, model%system%laws), error)
       end associate
       self%has_stiffness = .not. allocated(error)
       if (allocated(error)) return
@@ -213,6 +227,21 @@ contains
       if (any(abs(xi) > 0.0_wp)) call self%move(self%model%system%tones%omega, xi, error)
       self%is_sound = .not. allocated(error)
    end subroutine rebuild
+
+   !> The linear part of the contacts of a whole model by its factor, where matrices and coordinates do not move.
+   subroutine find_contacts(self, coordinates, linear)
+      type(model_problem_t), intent(inout) :: self
+      type(coordinates_t), intent(in) :: coordinates
+      class(linear_part_t), allocatable, intent(out) :: linear
+
+      associate (system => self%model%system, discretisation => self%model%discretisation)
+         if (.not. associated(system%contact_parts) .or. any(system%tones%is_unknown)) return
+         if (self%movement%structure .or. self%movement%coordinates) return
+         call system%contact_parts%find_linear_part(system%structure, coordinates, laws_at(coordinates, system%laws), &
+            discretisation%harmonics%frequencies(system%tones%omega), system%loads_in(discretisation%harmonics), linear, &
+            system%load_slopes_in(discretisation%harmonics))
+      end associate
+   end subroutine find_contacts
 
    !> Creates the balance again at its present value, so that its scales do not depend on previous values.
    subroutine model_problem_rebuild_balance(self)
@@ -268,7 +297,8 @@ contains
       integer :: k
 
       is_possible = self%model%system%structure%n_dofs > self%n_dofs .and. &
-                    (self%movement%tones .or. any(self%model%system%tones%is_unknown))
+                    (self%movement%tones .or. any(self%model%system%tones%is_unknown)) .and. &
+                    .not. allocated(self%stiffness%contacts)
       if (.not. is_possible) return
       omega = self%omega
       value = self%value

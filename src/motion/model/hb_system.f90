@@ -1,6 +1,7 @@
 !> The system whose motions are computed: structure, laws, loads and base frequencies. It has no harmonics and no settings.
 module hb_system
    use hb_amplitudes, only: amplitudes_t
+   use hb_contact_parts, only: contact_parts_t
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
    use hb_harmonics, only: harmonics_t
@@ -58,6 +59,8 @@ module hb_system
       type(normal_mode_t) :: normal_mode
       integer, allocatable :: kept_dofs(:)                            !! whose motion is unknown though no law acts on them
       type(tie_t), allocatable :: ties(:)                             !! by which numbers follow others, in their order
+      type(contact_parts_t), pointer :: contact_parts => null()       !! of the owner of the points, if contacts of a whole model need
+                                                                      !! not be condensed
    contains
       procedure :: object_of => system_object_of
       procedure :: load_of => system_load_of

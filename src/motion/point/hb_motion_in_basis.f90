@@ -9,7 +9,6 @@ module hb_motion_in_basis
    use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
-   use hb_contact_stiffness, only: contact_stiffness_of
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
@@ -97,10 +96,9 @@ contains
       !> The linear part: that of the previous motion, as far as it is the same, or a new one; without coordinates of laws the
       !> dynamic stiffness alone.
       subroutine find_linear_part()
-         if (keeps .and. .not. is_autonomous) &
-            call cached%find_contacts(system%structure, coordinates, &
-                                      contact_stiffness_of(laws_at(coordinates, system%laws), coordinates%n), &
-                                      basis%harmonics%frequencies(start%omega), system%loads_in(basis%harmonics), linear)
+         if (associated(system%contact_parts) .and. coordinates%n > 0 .and. .not. is_autonomous) &
+            call system%contact_parts%find_linear_part(system%structure, coordinates, laws_at(coordinates, system%laws), &
+               basis%harmonics%frequencies(start%omega), system%loads_in(basis%harmonics), linear)
          if (allocated(linear)) return
          if (keeps) then
             call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &

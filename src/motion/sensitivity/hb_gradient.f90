@@ -106,6 +106,7 @@ contains
       if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
       own = level_t(level%set, level%n_samples)
       known%model%system = system
+      nullify (known%model%system%contact_parts)                      ! derivatives need contacts condensed
       known%model%discretisation = discretisation
       known%model%options = options
       call set_to_level(known%model%discretisation, system, options, own, error)
