@@ -227,10 +227,10 @@ class _Template:
 
 def _with_data(template: xr.Dataset, data: Mapping[Any, Any]) -> xr.Dataset:
     """A dataset with other values of some variables, as by `template.copy(data=...)`, which makes all indexes anew."""
-    variables = {name: variable.copy(deep=False) if name not in data else
-                 xr.Variable(variable.dims, data[name], dict(variable.attrs), fastpath=True)
-                 for name, variable in template.variables.items()}  # fmt: skip
     try:
+        # `copy` of an index variable examines its labels again, which takes longer than all the rest
+        variables = {name: type(variable)(variable.dims, data.get(name, variable._data), dict(variable.attrs), fastpath=True)
+                     for name, variable in template.variables.items()}  # fmt: skip
         return xr.Dataset._construct_direct(variables, set(template.coords), dict(template.sizes), indexes=dict(template._indexes))
     except (AttributeError, TypeError):  # a version of xarray with another constructor
         found = template.copy(deep=False, data={name: data[name] for name in template.data_vars})
