@@ -323,7 +323,8 @@ contains
       logical, intent(in), optional :: has_parts                      !! such parts are supported
 
       if (self%n_dofs > most) call fail(error, what//" supports at most "//to_text(most)// &
-                                        " degrees of freedom; the structure has "//to_text(self%n_dofs))
+                                        " degrees of freedom; the structure has "//to_text(self%n_dofs)// &
+                                        ": reduce it (nhbm-model reduce)")
       if (present(has_parts)) return
       if (allocated(self%parts)) call fail(error, what//" needs equations in time; a dynamic stiffness has none")
    end subroutine structure_check_matrices

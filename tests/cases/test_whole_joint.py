@@ -224,7 +224,7 @@ def test_points_at_other_frequencies_are_those_of_their_own(joint):
 
 def test_walls_of_a_whole_model_are_solved_with_advice(joint):
     wall = "&law type = 'rigid_wall', label = 'wall', dofs = 'joint_1.z', 'joint_2.z', weights = -1.0, 1.0, gap = 0.0 /\n"
-    text = REST.format(file="parts.h5", load=1400.0) + wall
+    text = REST.format(file="parts.h5", load=1400.0) + WHOLE + wall       # so many coordinates would be factorised without the wall
     (joint / "wall.nml").write_text(text)
     found = run("check", "wall.nml", cwd=joint)
     assert "nhbm-model reduce" in found.stdout + found.stderr
