@@ -1,6 +1,6 @@
-!> What the motions of a whole model with many contacts share: the factor of its stiffness and its modes (hb_contact_flexibility),
-!> for all points, harmonic sets and curves with the same matrices and contacts. Systems point at it, and their copies too; the owner
-!> of their points allocates and frees it.
+!> What the motions of a whole model with many contacts share: the factor of its stiffness and its modes (hb_contact_flexibility)
+!> for all points, harmonic sets and curves with the same matrices and contacts. Systems and their copies point at it; the owner of
+!> the points allocates and frees it.
 module hb_contact_parts
    use hb_amplitudes, only: amplitudes_t
    use hb_contact_flexibility, only: contact_flexibility_t, new_contact_flexibility, pays_to_factorise
@@ -39,8 +39,8 @@ contains
       if (is_factorised) is_factorised = all(contact_stiffness_of(laws, coordinates%n) > 0.0_wp)
    end function is_factorised
 
-   !> Makes the linear part of a whole model with many contacts; not allocated where the model is none, or where its matrices or laws
-   !> do not permit it, see hb_contact_flexibility and hb_contact_stiffness.
+   !> Makes the linear part of a whole model with many contacts; not allocated where the model is none, or where its matrices or
+   !> laws do not permit it, see hb_contact_flexibility and hb_contact_stiffness.
    subroutine contact_parts_find_linear_part(self, structure, coordinates, laws, frequencies, loads, linear, load_slopes)
       class(contact_parts_t), intent(inout), target :: self
       type(structure_t), intent(in) :: structure

@@ -262,8 +262,8 @@ contains
       call find_response(self, e, z, size_of_motion, x)
    end subroutine contact_response_find_motion
 
-   !> Solves S x = f: adds terms of the sum until they are below `series_tolerance` of the motion at the contacts, or of `size_of_motion` if
-   !> this is larger. Harmonics of which they are not are NaN at the contacts.
+   !> Solves S x = f: adds terms of the sum until they are below `series_tolerance` of the motion at the contacts, or of
+   !> `size_of_motion` if this is larger. Harmonics of which they are not are NaN at the contacts.
    subroutine find_response(self, e, z, size_of_motion, x)
       class(contact_response_t), intent(in) :: self
       real(wp), intent(inout), allocatable :: e(:, :)        !! f [N] as `rows_of`, (2 n_harmonics, n_dofs); overwritten

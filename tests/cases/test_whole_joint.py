@@ -196,7 +196,8 @@ def test_curve_of_a_whole_model_has_the_motions_of_points(joint, path, ends, val
     numbers = ", ".join(map(str, values))
     request = f"&curve parameter = '{path}', from = {ends[0]}, to = {ends[1]}, values = {numbers} /\n"
     curve = solve(quick(1400.0) + request, joint, name="curve_of_whole", status=None)
-    points = solve(quick(1400.0) + f"&sweep parameter = '{path}', values = {numbers} /\n", joint, name="points_of_whole", status=None)
+    swept = f"&sweep parameter = '{path}', values = {numbers} /\n"
+    points = solve(quick(1400.0) + swept, joint, name="points_of_whole", status=None)
     with h5py.File(curve) as file:
         names = file["curve_kind"].attrs["flag_meanings"].split()
         kinds = [names[i] for i in file["curve_kind"][()]]

@@ -59,8 +59,8 @@ module hb_system
       type(normal_mode_t) :: normal_mode
       integer, allocatable :: kept_dofs(:)                            !! whose motion is unknown though no law acts on them
       type(tie_t), allocatable :: ties(:)                             !! by which numbers follow others, in their order
-      type(contact_parts_t), pointer :: contact_parts => null()       !! of the owner of the points, if contacts of a whole model need
-                                                                      !! not be condensed
+      type(contact_parts_t), pointer :: contact_parts => null()       !! of the owner of the points, if contacts of a whole model
+                                                                      !! need not be condensed
    contains
       procedure :: object_of => system_object_of
       procedure :: load_of => system_load_of

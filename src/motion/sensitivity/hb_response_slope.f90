@@ -1,7 +1,7 @@
 !> Derivatives of the motion along a direction of a curve of motions, of one degree of freedom or of all.
 !> Frequencies have exact derivatives, and so have the matrices and loads that are affine functions of the numbers that
-!> move (hb_model_problem); the interior follows by one condensation. If the coordinates of the laws move, and of whole models, which
-!> are not condensed, it is a central difference. Source: docs/why/theory.md, section 6.7.
+!> move (hb_model_problem); the interior follows by one condensation. If the coordinates of the laws move, and of whole models,
+!> which are not condensed, it is a central difference. Source: docs/why/theory.md, section 6.7.
 module hb_response_slope
    use hb_kinds, only: wp
    use hb_linear_slopes, only: linear_slopes_t
