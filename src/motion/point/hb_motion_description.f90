@@ -6,6 +6,7 @@ module hb_motion_description
    use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_clock, only: wall_clock
+   use hb_contact_parts, only: contact_parts_t                        ! gfortran 12 cannot write the module without it
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
    use hb_error_estimate, only: estimate_error
