@@ -35,6 +35,7 @@ module hb_hysteresis
    contains
       procedure :: forget_tones => hysteresis_forget_tones
       procedure :: evaluate => hysteresis_evaluate
+      procedure :: find_steps => hysteresis_find_steps
       procedure :: find_slope => hysteresis_find_slope
       procedure :: add_slope => hysteresis_add_slope
       procedure :: prepare_line => hysteresis_prepare_line
@@ -77,12 +78,8 @@ contains
       real(wp), allocatable :: z(:, :), s(:, :), force(:, :)
       integer :: slice
 
+      call integrate_states(self, characteristic, samples)
       associate (path => self%sliders%path, states => self%sliders%states)
-         if (self%motion /= samples%n_motions) then
-            call gather_path(self, characteristic, samples, path)
-            call self%sliders%integration(self%law, characteristic)
-            self%motion = merge(samples%n_motions, -1_int64, self%sliders%repeats)
-         end if
          if (characteristic%n_slice == 1) then                        ! all samples form one line: their forces at once
             z = transpose(path(1, :, path_part%at_end, :))
             s = transpose(states(1, :, :))
@@ -97,6 +94,42 @@ contains
          end do
       end associate
    end subroutine hysteresis_evaluate
+
+   !> Integrates the states along the motion of the samples, unless they are known.
+   subroutine integrate_states(self, characteristic, samples)
+      type(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(law_samples_t), intent(in) :: samples
+
+      if (self%motion == samples%n_motions) return
+      call gather_path(self, characteristic, samples, self%sliders%path)
+      call self%sliders%integration(self%law, characteristic)
+      self%motion = merge(samples%n_motions, -1_int64, self%sliders%repeats)
+   end subroutine integrate_states
+
+   !> The steps along the motion of the samples, one line after another, with the states of the step before each of them.
+   subroutine hysteresis_find_steps(self, characteristic, samples, path, states)
+      class(hysteresis_t), intent(inout) :: self
+      type(characteristic_t), intent(in) :: characteristic
+      type(law_samples_t), intent(in) :: samples
+      real(wp), allocatable, intent(out) :: path(:, :, :)             !! [m], (n_samples, n_coordinates, n_path_parts)
+      real(wp), allocatable, intent(out) :: states(:, :)              !! (n_samples, n_states)
+      integer :: c, n, part
+
+      call integrate_states(self, characteristic, samples)
+      n = characteristic%n_slice*characteristic%n_steps
+      associate (paths => self%sliders%path, states_after => self%sliders%states)
+         allocate (path(n, size(paths, 2), size(paths, 3)), states(n, size(states_after, 2)))
+         do part = 1, size(paths, 3)
+            do c = 1, size(paths, 2)
+               path(:, c, part) = reshape(transpose(paths(:, c, part, :)), [n])
+            end do
+         end do
+         do c = 1, size(states_after, 2)
+            states(:, c) = reshape(transpose(cshift(states_after(:, c, :), -1, dim=2)), [n])
+         end do
+      end associate
+   end subroutine hysteresis_find_steps
 
    !> The paths of all coordinates of the law along the steps, from samples of the degrees of freedom.
    subroutine gather_path(self, characteristic, samples, path)

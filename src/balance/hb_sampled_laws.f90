@@ -12,7 +12,7 @@ module hb_sampled_laws
    use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_law, only: defects_t, has_memory, law_box_t, law_t
-   use hb_law_check, only: find_fault
+   use hb_law_check, only: find_fault, find_fault_of_memory
    use hb_law_jacobian, only: law_jacobian_t, new_law_jacobian
    use hb_law_kinks, only: law_kinks_t, new_law_kinks
    use hb_law_samples, only: law_samples_t, new_law_samples
@@ -222,19 +222,24 @@ contains
       class(sampled_laws_t), intent(inout) :: self
       type(torus_t), intent(in) :: torus
       character(:), allocatable :: fault
-      real(wp), allocatable :: rates(:, :)
+      real(wp), allocatable :: path(:, :, :), rates(:, :), states(:, :)
       integer :: i
 
       do i = 1, size(self%laws)
          if (self%is_given_up) return
          associate (law => self%laws(i)%law)
-            if (.not. law%is_users_own .or. law%n_states > 0) cycle
-            associate (z => self%coordinates_of(i, self%samples%q%values))
-               allocate (rates, source=0.0_wp*z)
-               if (law%needs_velocity) rates = self%coordinates_of(i, self%samples%v%values)
-               call find_fault(law, z, rates, torus%phases(), fault)
-               deallocate (rates)
-            end associate
+            if (.not. law%is_users_own) cycle
+            if (allocated(self%sampled(i)%hysteresis)) then
+               call self%sampled(i)%hysteresis%find_steps(self%characteristic, self%samples, path, states)
+               call find_fault_of_memory(self%sampled(i)%hysteresis%law, path, states, fault)
+            else
+               associate (z => self%coordinates_of(i, self%samples%q%values))
+                  allocate (rates, source=0.0_wp*z)
+                  if (law%needs_velocity) rates = self%coordinates_of(i, self%samples%v%values)
+                  call find_fault(law, z, rates, torus%phases(), fault)
+                  deallocate (rates)
+               end associate
+            end if
             if (len(fault) == 0) cycle
             self%error_text = "law '"//law%label//"': "//fault
             self%is_given_up = .true.

@@ -62,10 +62,10 @@ contains
       end do
    end subroutine law_findings_examine
 
-   !> Whether the derivatives of a law come from the user, and depend on the motion at the same instant alone.
+   !> Whether the derivatives of a law come from the user; those with memory are compared when loaded from rest.
    pure logical function is_compared(law)
       class(law_t), intent(in) :: law
 
-      is_compared = law%is_users_own .and. law%n_states == 0 .and. .not. law%is_multiplier
+      is_compared = law%is_users_own .and. .not. law%is_multiplier
    end function is_compared
 end module hb_law_findings

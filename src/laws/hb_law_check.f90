@@ -4,12 +4,14 @@
 !> Philos. Trans. R. Soc. London A 210 (1911) 307-357.
 module hb_law_check
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_hysteretic_law, only: hysteretic_law_t, n_path_parts, path_part
    use hb_kinds, only: wp
    use hb_law, only: law_t
    use hb_text, only: join, rounded, string_t, to_text
    implicit none
    private
-   public :: check_derivatives, check_derivatives_at, derivative_check_t, derivative_tolerance, find_fault, mixed_samples
+   public :: check_derivatives, check_derivatives_at, derivative_check_t, derivative_tolerance, find_fault, find_fault_of_memory, &
+      mixed_samples
 
    integer, parameter :: n_samples = 400
    real(wp), parameter :: coarse_step = 1.0e-5_wp                     ! relative to the magnitude of a sample
@@ -32,9 +34,10 @@ module hb_law_check
       procedure :: describe => derivative_check_describe
    end type derivative_check_t
 
-   !> Samples z, rates v and reactions p, their magnitudes, and the phases of the tones.
+   !> Samples z, rates v and reactions p, their magnitudes, and the phases of the tones; or steps of laws with memory.
    type :: samples_t
-      real(wp), allocatable :: motion(:, :, :)                        ! (n_samples, n_coordinates, z v p)
+      real(wp), allocatable :: motion(:, :, :)                        ! (n_samples, n_coordinates, z v p); of steps the parts of the
+                                                                      ! path, then the states before
       real(wp), allocatable :: magnitude(:, :)                        ! (n_samples, z v p)
       real(wp), allocatable :: phases(:, :)                           ! [rad], (n_tones, n_samples)
       real(wp) :: least_slope = 0.0_wp                                ! of the largest: smaller ones need no digits of their own
@@ -136,17 +139,19 @@ contains
       end do
    end subroutine compare
 
-   !> Whether half of the samples, in another order, have other forces than f.
+   !> Whether some of the samples, in an irregular order, have other forces than f: sums over half of a symmetric motion may be those
+   !> over all of it.
    logical function mixes(law, samples, f)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples
       real(wp), intent(in) :: f(:, :)                                 !! of all samples, (n_samples, n_coordinates)
+      real(wp), parameter :: golden_ratio = 0.6180339887498949_wp
       class(law_t), allocatable :: alone
       type(samples_t) :: half
       integer :: order(size(f, 1) - size(f, 1)/2), i
       real(wp) :: f_half(size(order), size(f, 2))
 
-      order = [(size(f, 1) + 1 - i, i=1, size(order))]
+      order = [(1 + int(size(f, 1)*modulo(real(i, wp)**2*golden_ratio, 1.0_wp)), i=1, size(order))]
       half = selected(samples, order)
       allocate (alone, source=law)
       if (law%n_phases > 0) call alone%set_phases(half%phases)
@@ -161,16 +166,40 @@ contains
       real(wp), intent(in) :: z(:, :), v(:, :)                        !! along the motion, (n_samples, n_coordinates)
       real(wp), intent(in) :: phases(:, :)                            !! [rad], (n_tones, n_samples); used if the law needs them
       character(:), allocatable, intent(out) :: fault
-      real(wp), parameter :: min_relative_jump = 1.0e-3_wp            ! jump, relative to the largest force
       type(samples_t) :: samples
-      real(wp) :: at(2), f(size(z, 1), size(z, 2)), jump
 
-      fault = ""
       allocate (samples%motion(size(z, 1), size(z, 2), 3), source=0.0_wp)
-      allocate (samples%magnitude(size(z, 1), 3), source=1.0_wp)
       samples%motion(:, :, 1) = z
       samples%motion(:, :, 2) = v
       samples%phases = phases
+      call find_fault_at(law, samples, fault)
+   end subroutine find_fault
+
+   !> The same of a law with memory: of its states at the end of a step, and of the forces there.
+   subroutine find_fault_of_memory(law, path, states, fault)
+      class(hysteretic_law_t), intent(in) :: law
+      real(wp), intent(in) :: path(:, :, :)                           !! of steps that follow each other, (n_samples, n_coordinates,
+                                                                      !! n_path_parts)
+      real(wp), intent(in) :: states(:, :)                            !! before each of them, (n_samples, n_states)
+      character(:), allocatable, intent(out) :: fault
+      type(samples_t) :: samples
+
+      allocate (samples%motion(size(path, 1), max(size(path, 2), size(states, 2)), n_path_parts + 1), source=0.0_wp)
+      samples%motion(:, :size(path, 2), :n_path_parts) = path
+      samples%motion(:, :size(states, 2), n_path_parts + 1) = states
+      allocate (samples%phases(0, size(path, 1)))
+      call find_fault_at(law, samples, fault)
+   end subroutine find_fault_of_memory
+
+   subroutine find_fault_at(law, samples, fault)
+      class(law_t), intent(in) :: law
+      type(samples_t), intent(inout) :: samples                       !! without magnitudes
+      character(:), allocatable, intent(out) :: fault
+      real(wp), parameter :: min_relative_jump = 1.0e-3_wp            ! jump, relative to the largest force
+      real(wp) :: at(2), f(size(samples%motion, 1), size(law%shape, 2)), jump
+
+      fault = ""
+      allocate (samples%magnitude(size(f, 1), 3), source=1.0_wp)
       call evaluate(law, samples, f)
       if (.not. all(ieee_is_finite(f))) return
       if (mixes(law, samples, f)) then
@@ -183,7 +212,7 @@ contains
       if (law%needs_velocity) fault = fault//" and its rate "//rounded(at(2))
       fault = fault//": no motion of finitely many harmonics is in balance with it. Use coulomb_rigid or jenkins for dry "// &
               "friction, rigid_wall for a wall; smooth other jumps, as by tanh over a thousandth of the largest motion"
-   end subroutine find_fault
+   end subroutine find_fault_at
 
    !> The largest jump of the force between two samples that follow each other, at the phases of the first, by bisection to
    !> neighbouring numbers.
@@ -211,7 +240,7 @@ contains
       higher = next%motion
       allocate (held, source=law)
       if (law%n_phases > 0) call held%set_phases(first%phases)         ! a force may jump at given times
-      allocate (f_lower(size(lower, 1), size(lower, 2)))
+      allocate (f_lower(size(lower, 1), size(law%shape, 2)))
       f_higher = f_lower
       f_middle = f_lower
       call evaluate_block(held, lower, f_lower)
@@ -489,13 +518,17 @@ contains
    !> Evaluates all samples together, as `evaluate`.
    subroutine evaluate_block(law, motion, f, slopes)
       class(law_t), intent(in) :: law
-      real(wp), intent(in) :: motion(:, :, :)                         !! (n_samples, n_coordinates, z v p)
+      real(wp), intent(in) :: motion(:, :, :)                         !! as samples_t has it; of steps without `slopes`
       real(wp), intent(out), contiguous :: f(:, :)
       real(wp), intent(out), optional :: slopes(:, :, :, :)
       real(wp), allocatable :: z(:, :), v(:, :), p(:, :), df_dz(:, :, :), df_dv(:, :, :), df_dp(:, :, :)
       integer :: n, n_p, n_v
 
       n = size(f, 2)
+      if (size(motion, 3) > n_path_parts) then
+         call evaluate_steps(law, motion(:, :n, :n_path_parts), motion(:, :law%n_states, n_path_parts + 1), f)
+         return
+      end if
       n_v = merge(n, 0, law%needs_velocity)
       n_p = merge(n, 0, law%is_multiplier)
       allocate (z, source=motion(:, :, 1))
@@ -512,4 +545,19 @@ contains
       if (n_v > 0) slopes(:, :, :, 2) = df_dv
       if (n_p > 0) slopes(:, :, :, 3) = df_dp
    end subroutine evaluate_block
+
+   !> Evaluates a law with memory at the end of steps.
+   subroutine evaluate_steps(law, path, states, f)
+      class(law_t), intent(in) :: law
+      real(wp), intent(in), contiguous :: path(:, :, :), states(:, :) !! as `advance` has them
+      real(wp), intent(out), contiguous :: f(:, :)
+      real(wp) :: states_after(size(states, 1), size(states, 2))
+
+      f = 0.0_wp
+      select type (law)
+      class is (hysteretic_law_t)
+         call law%advance(states, path, states_after)
+         call law%force(path(:, :, path_part%at_end), states_after, f)
+      end select
+   end subroutine evaluate_steps
 end module hb_law_check

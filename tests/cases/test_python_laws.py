@@ -333,6 +333,30 @@ def test_forces_that_no_method_can_follow_are_named(force, text):
         model.solve()
 
 
+def relay(states, step):
+    return np.where(step.q.real > 0.1, 1.0, np.where(step.q.real < -0.1, -1.0, states))
+
+
+def mixed_state(states, step):
+    return 0.5 * states + step.q - step.q.mean()
+
+
+@pytest.mark.parametrize(
+    ("advance", "text", "tones"),
+    [(relay, "jumps", 1), (mixed_state, "depends on other samples", 1), (mixed_state, "depends on other samples", 2)],
+)
+def test_states_that_no_method_can_follow_are_named(advance, text, tones):
+    @nhbm.law(states=1, advance=advance)
+    def force(q, p, states):
+        return 2.0 * (q - states)
+
+    model = Model(nhbm.Chain(n_masses=2, mass=1.0, coupling_stiffness=1.0, damping_mass=0.05), tones=[0.9, 1.557][:tones])
+    model.load("x1", 1 if tones == 1 else (1, 0), cos=0.5)
+    model.law(force, "x2", parameters=[1.0])
+    with pytest.warns(UserWarning, match=text):
+        model.solve(order=9 if tones == 1 else 3)
+
+
 def test_laws_compiled_by_numba():
     """A law of a velocity, too; each equals the one of the catalogue."""
     pytest.importorskip("numba")
