@@ -119,7 +119,7 @@ contains
 
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies
    !> within twice the change of the largest multiplier (outside the unit circle: three times that of its logarithm) or, where it is
-   !> negative, exponent, is not known; nor is stability if multipliers move too far.
+   !> negative, exponent, is not known; nor is it if the errors of multipliers may let two of them meet.
    pure subroutine stability_compare_with(self, better)
       class(stability_t), intent(inout) :: self
       type(stability_t), intent(in) :: better
@@ -154,11 +154,25 @@ contains
          if (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there)) &
             self%verdict = verdict%unknown
          if (self%verdict == verdict%unstable) then                    ! both are outside
-            if (log(min(here, there)) <= estimate_safety*abs(log(here/there))) self%verdict = verdict%unknown
+            if (log(min(here, there)) <= estimate_safety*abs(log(here/there)) .or. &
+                may_cross(self%multipliers(1), partner_of(self%multipliers), better%multipliers, estimate_safety)) &
+               self%verdict = verdict%unknown
          end if
       end associate
       if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
    end subroutine compare_multipliers
+
+   !> The multiplier inside the unit circle from which the largest, outside, has parted: the nearest in direction; none if all are
+   !> outside.
+   pure function partner_of(multipliers) result(partner)
+      complex(wp), intent(in) :: multipliers(:)                       !! the largest first
+      complex(wp), allocatable :: partner(:), inside(:)
+      integer :: k
+
+      inside = pack(multipliers, abs(multipliers) < 1.0_wp .and. abs(multipliers) > 0.0_wp)
+      k = minloc(abs(inside/abs(inside) - multipliers(1)/abs(multipliers(1))), dim=1)
+      partner = inside(max(1, k):k)
+   end function partner_of
 
    !> The verdict along the series itself: of a motion so unstable that small errors lead away from the periodic motion next to it.
    !> It holds if that of a more accurate series is the same; a motion without such multipliers is returned unchanged.
@@ -183,21 +197,65 @@ contains
                                                   all(certainty_factor*epsilon(1.0_wp)*abs(self%multipliers) < small_share)
    end function stability_resolves_circle
 
-   !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest
-   !> neighbour: with light damping pairs lie on a circle inside, on which they may rotate freely until they meet
-   !> others.
+   !> Whether twice the change of a multiplier moves it to the unit circle and, for a complex one, to its nearest neighbour: with
+   !> light damping pairs lie on a circle inside, on which they may rotate freely until they meet others; next to the unit circle
+   !> errors of pairs count.
    pure logical function move_far(multipliers, better)
       complex(wp), intent(in) :: multipliers(:), better(:)
-      real(wp) :: margin
+      real(wp) :: change
       integer :: i
 
       move_far = .false.
       do i = 1, size(multipliers)
          associate (m => multipliers(i), others => [multipliers(:i - 1), multipliers(i + 1:)])
-            margin = 1.0_wp - abs(m)
-            if (abs(aimag(m)) > 0.0_wp .and. size(others) > 0) margin = max(margin, minval(abs(m - others)))
-            move_far = move_far .or. 2.0_wp*minval(abs(m - better)) >= margin
+            change = minval(abs(m - better))
+            if (2.0_wp*change < 1.0_wp - abs(m)) cycle
+            if (abs(aimag(m)) <= 0.0_wp) then
+               move_far = .true.
+            else if (1.0_wp - abs(m) < small_share) then
+               move_far = move_far .or. may_cross(m, pack(others, 1.0_wp - abs(others) < small_share), better, 1.0_wp)
+            else
+               move_far = move_far .or. 2.0_wp*change >= minval(abs(m - others))
+            end if
          end associate
       end do
    end function move_far
+
+   !> Whether its error may lead a multiplier, together with another one that it meets or has parted from, through the unit
+   !> circle: the product of their distances from the point of the circle between them moves like an error of the motion, whereas
+   !> next to their meeting their difference moves like its square root.
+   pure logical function may_cross(m, others, better, changes)
+      complex(wp), intent(in) :: m, others(:), better(:)
+      real(wp), intent(in) :: changes                                 !! that the more accurate one may still be off by
+      complex(wp), allocatable :: rest(:)
+      complex(wp) :: here, mean, mean_there, there
+      integer :: k, nearest
+
+      may_cross = size(better) <= size(others)
+      if (may_cross) return
+      nearest = minloc(abs(m - better), dim=1)
+      rest = [better(:nearest - 1), better(nearest + 1:)]
+      do k = 1, size(others)
+         associate (other => rest(minloc(abs(others(k) - rest), dim=1)))
+            mean = sqrt(m)*sqrt(others(k))
+            if (abs(m + others(k) + 2.0_wp*mean) < abs(m + others(k) - 2.0_wp*mean)) mean = -mean
+            mean_there = sqrt(better(nearest))*sqrt(other)
+            if (abs(mean_there + mean) < abs(mean_there - mean)) mean_there = -mean_there
+            here = distances(m, others(k), mean)
+            there = distances(better(nearest), other, mean_there)
+         end associate
+         may_cross = may_cross .or. changes*abs(here - there) >= min(abs(here), abs(there))
+      end do
+
+   contains
+
+      !> Product of the distances of two multipliers from the unit circle in the direction of their mean.
+      pure complex(wp) function distances(first, second, middle)
+         complex(wp), intent(in) :: first, second, middle
+
+         associate (direction => middle/max(abs(middle), tiny(1.0_wp)))
+            distances = (1.0_wp - first*conjg(direction))*(1.0_wp - second*conjg(direction))
+         end associate
+      end function distances
+   end function may_cross
 end module hb_stability
