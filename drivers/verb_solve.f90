@@ -23,6 +23,7 @@ module verb_solve
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
    use hb_stability, only: stability_method
    use hb_structure, only: max_dense
+   use hb_structure_load, only: is_random
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
    use hb_sweep_plan, only: sweep_plan_t
@@ -434,6 +435,8 @@ contains
                                 study%model%options%stability%method == stability_method%auto), [real(summary%n_too_costly, wp)])
          end if
       end if
+      if (summary%n_without_noise > 0 .and. any(is_random(study%model%system%loads))) &
+         call list%add(advice%unknown_noise, [real(summary%n_without_noise, wp)])
       call say_advice("", list)
       list = advice_list_t()
       if (size(study%model%options%gradient%by) > 0 .and. summary%counts(outcome%integrated) > 0 .and. &

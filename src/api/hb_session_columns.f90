@@ -4,10 +4,12 @@ module hb_session_columns
    use hb_column_units, only: columns_with_units_t
    use hb_column_view, only: column_view_t
    use hb_error, only: error_t, fail
+   use hb_kinds, only: wp
    use hb_parameter_path, only: identifier
    use hb_record_columns, only: record_columns
    use hb_session, only: session_t
    use hb_stability, only: n_multipliers_of, stability_method
+   use hb_structure_load, only: is_random
    use hb_text, only: to_text
    use hb_verdict_columns, only: verdict_columns
    implicit none
@@ -87,6 +89,8 @@ contains
          self%has_own_tuples = .true.
          self%has_improved = options%error_estimate%improvement_steps > 0
          self%has_surfaces = size(options%output%samples) > 0
+         self%has_noise = any(is_random(session%source%model%system%loads))
+         self%has_noise_spectrum = options%stability%noise_frequency >= 0.0_wp
          self%has_gradient = size(options%gradient%by) > 0
          self%has_response_gradient = allocated(options%gradient%of)
          if (allocated(session%result%curve)) then

@@ -13,18 +13,20 @@ module hb_motion_columns
    use hb_outcome, only: is_solved, outcome_names, reason_names
    use hb_point_kinds, only: curve_kind_names, kind_attribute_t, kind_attributes
    use hb_solver_types, only: fallback_names
-   use hb_stability, only: stability_method_names
+   use hb_stability, only: noise_status, noise_status_names, stability_method_names
    use hb_text, only: join
    implicit none
    private
-   public :: columns_t, find_shared_unit, max_advice, max_attempts, max_values, of_dof, of_force, of_rate
+   public :: columns_t, find_shared_unit, max_advice, max_attempts, max_values, of_dof, of_force, of_rate, of_square, &
+      of_square_by_rate
 
    integer, parameter :: max_advice = 6                 !! that is stored of a motion
    integer, parameter :: max_values = 4                 !! of each advice
    integer, parameter :: max_attempts = 24              !! that are stored of a motion: the first ones
 
    ! Units that depend on the degrees of freedom along an axis of a row: theirs, and those of the forces on them and of their rates.
-   character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force", of_rate = "of its rate"
+   character(*), parameter :: of_dof = "of the degree of freedom", of_force = "of its force", of_rate = "of its rate", &
+      of_square = "of its square", of_square_by_rate = "of its square per hertz"
 
    !> A visitor of the table: its procedures receive each existing column with its values, if they are known. `integer_array` and
    !> `real_array` are for arrays that may not be allocated: gfortran reads the bounds of what is passed to `values(..)`.
@@ -38,6 +40,8 @@ module hb_motion_columns
       logical :: has_gradient = .false.                 !! derivatives with respect to values of the input are requested
       logical :: has_response_gradient = .false.        !! those of one response alone
       logical :: has_one_tone = .false.
+      logical :: has_noise = .false.                    !! loads of noise
+      logical :: has_noise_spectrum = .false.           !! a spectral density is requested
       integer :: n_multipliers = 0, n_curve_unknowns = 0   !! lengths of these axes
       character(:), allocatable :: curve_path           !! of the value along the curve, in the input; its column and its unit
       character(:), allocatable :: curve_column, curve_units
@@ -137,6 +141,7 @@ contains
       call motion_columns(t, m)
       call error_estimate_columns(t, m)
       call stability_columns(t, m)
+      call noise_columns(t, m)
       call gradient_columns(t, m)
       call curve_columns(t, m)
       call surface_columns(t, m)
@@ -334,6 +339,35 @@ contains
       t%is_known = .true.
    end subroutine stability_columns
 
+   !> Columns of what noise causes about the motion.
+   subroutine noise_columns(t, m)
+      class(columns_t), intent(inout) :: t
+      type(motion_result_t), intent(in) :: m
+
+      integer :: status
+
+      t%is_there = t%has_noise
+      associate (found => m%stability%response)
+         status = found%status
+         if (status == noise_status%none .and. is_solved(m%status)) status = noise_status%no_verdict
+         call t%integer("noise_status", "1", "", "whether the response to noise is known, or why not", status, &
+                        noise_status_names)
+         call t%real_array("noise_variance", of_square, "dof", "variance due to noise about the motion: mean over a period", &
+            found%variance)
+         call t%real_array("noise_peak_variance", of_square, "dof", "largest variance due to noise in a period", found%peak)
+         call t%real_array("noise_least_variance", of_square, "dof", "smallest variance due to noise in a period", found%least)
+         t%is_known = found%status == noise_status%known
+         call t%real("noise_estimate", "1", "", "estimated relative error of these variances", found%estimate)
+         t%is_known = .true.
+         call t%real_array("phase_diffusion", "rad2/s", "tone", &
+            "rate of the variance of the phase due to noise; 0 for given tones", found%phase_diffusion)
+         t%is_there = t%has_noise .and. t%has_noise_spectrum
+         call t%real_array("noise_spectrum", of_square_by_rate, "dof", &
+            "one-sided spectral density due to noise at noise_frequency, mean over a period", found%spectrum)
+      end associate
+      t%is_there = .true.
+   end subroutine noise_columns
+
    !> Columns with derivatives.
    subroutine gradient_columns(t, m)
       class(columns_t), intent(inout) :: t
@@ -432,11 +466,13 @@ contains
       integer :: i
 
       shared = units
-      if (all(units /= [character(len(of_dof)) :: of_dof, of_force, of_rate])) return
+      if (all(units /= [character(len(of_dof)) :: of_dof, of_force, of_rate, of_square, of_square_by_rate])) return
       of_dofs = dof_units
       do i = 1, size(of_dofs)
          if (units == of_force) of_dofs(i) = force_unit(of_dofs(i))
          if (units == of_rate) of_dofs(i) = trim(of_dofs(i))//"/s"
+         if (units == of_square) of_dofs(i) = square_of(of_dofs(i))
+         if (units == of_square_by_rate) of_dofs(i) = trim(square_of(of_dofs(i)))//"/Hz"
       end do
       list = trim(adjustl(join(of_dofs, " ")))
       shared = "see dof_units"
@@ -446,6 +482,14 @@ contains
          shared = trim(of_dofs(1))
       end if
    end subroutine find_shared_unit
+
+   !> Unit of a square.
+   pure character(16) function square_of(unit)
+      character(*), intent(in) :: unit
+
+      square_of = trim(unit)//"2"
+      if (unit == "1" .or. unit == "") square_of = "1"
+   end function square_of
 
    !> Unit of the force that does work on a degree of freedom.
    pure character(16) function force_unit(unit)

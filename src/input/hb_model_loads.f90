@@ -13,9 +13,10 @@ module hb_model_loads
    use hb_number_reader, only: group_problems_t, read_numbers
    use hb_parameter_path, only: check_label
    use hb_properties, only: properties_t
+   use hb_stability, only: stability_method
    use hb_start_term, only: start_term_t
    use hb_structure, only: structure_t
-   use hb_structure_load, only: is_only_in_time, structure_load_t, time_key_of
+   use hb_structure_load, only: is_only_in_time, is_random, structure_load_t, time_key_of
    use hb_system, only: only_in_time
    use hb_text, only: max_name, number_of, to_text
    implicit none
@@ -47,6 +48,8 @@ contains
             call read_load(self%system%loads(n)%load, self%system%structure, self%discretisation, group)
             if (is_only_in_time(self%system%loads(n)) .and. .not. self%options%purpose%may_only_integrate) &
                call group%problem(trim(time_key_of(self%system%loads(n)%load)), only_in_time)
+            if (is_random(self%system%loads(n))) &
+               call check_noise(self%options%stability%method == stability_method%off, document%count("normal_mode") > 0, group)
             if (.not. allocated(self%system%loads(n)%load%weights)) cycle
             if (unknown_tone_of(self%system, n) > 0) call group%problem("tuple", "tone "// &
                to_text(unknown_tone_of(self%system, n))//" of &tones is unknown, and a load needs a given frequency; a first "// &
@@ -56,6 +59,18 @@ contains
       self%system%has_inertia_loads = any([(self%system%loads(i)%load%depends_on_frequency(), i=1, n)])
       call update_loads(self%system, error)                           ! an error has been reported
    end subroutine read_loads
+
+   !> Reports noise about motions of which no stability is found.
+   subroutine check_noise(is_off, is_normal_mode, group)
+      logical, intent(in) :: is_off                                   !! no stability is requested
+      logical, intent(in) :: is_normal_mode
+      type(properties_t), intent(inout) :: group
+
+      if (is_off) call group%problem("intensity", "a response to noise needs the stability of the motion: leave out 'off' in "// &
+                                     "&stability")
+      if (is_normal_mode) call group%problem("intensity", "the amplitude of a normal mode has no limit under noise; leave out "// &
+                                             "&noise or &normal_mode")
+   end subroutine check_noise
 
    !> Reads a load: where it acts, its tuple, as far as its kind has keys for them, and all that it declares. Weights are not
    !> allocated after a problem.

@@ -167,6 +167,7 @@ contains
       if (is_patient) self%patience = much_patience
       call group%choose("method", self%method)
       self%method = self%method - 1
+      if (group%given("noise_frequency")) call group%get("noise_frequency", self%noise_frequency)
       call group%get("tolerance", self%tolerance)
    end subroutine read_stability
 

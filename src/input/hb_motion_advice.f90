@@ -6,6 +6,7 @@ module hb_motion_advice
    use hb_motion_result, only: advise_on_reason, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text, reason
+   use hb_stability, only: noise_status
    implicit none
    private
    public :: advise_on_motion, advise_on_status
@@ -21,6 +22,7 @@ contains
       type(advice_list_t), intent(inout) :: list
 
       if (motion%n_full_stick > 0) call list%add(advice%full_stick)
+      if (motion%stability%response%status > noise_status%known) call list%add(advice%unknown_noise, [1.0_wp])
       if (motion%reason == reason%unlocated .and. allocated(motion%message)) then
          call list%add(advice%outcome, a=motion%message)
          call advise_on_reason(motion%reason, list)

@@ -10,6 +10,7 @@
 !> Saiki, E. Sander and J. A. Yorke, Nonlinearity 30 (2017) 4111-4140.
 module hb_exponents
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_beat, only: slowest_beat
    use hb_birkhoff, only: bump_weights
    use hb_cancellation, only: work_is_over
    use hb_kinds, only: wp
@@ -17,7 +18,9 @@ module hb_exponents
    use hb_thresholds, only: certainty_factor, estimate_safety
    implicit none
    private
-   public :: exponents_t, find_exponents, orthogonalise, propagation_t, work_of_exponents
+   public :: exponents_t, find_exponents, orthogonalise, periods_of_beats, propagation_t, work_of_exponents
+
+   real(wp), parameter :: beats_of_record = 3.0_wp                    ! its halves then end at opposite phases of the beat
 
    !> Propagation of disturbances along a motion.
    type, abstract :: propagation_t
@@ -66,6 +69,16 @@ module hb_exponents
    integer, parameter :: longer_beat = 8                              ! periods to resolve one, relative to the usual limit
 
 contains
+
+   !> Periods of the slowest tone that an average has to last for: in a part of a slow beat disturbances may grow although they
+   !> decay on the whole, and the reverse.
+   pure integer function periods_of_beats(tuples, omega, amplitudes) result(n_periods)
+      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
+      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
+      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
+
+      n_periods = ceiling(min(beats_of_record*minval(abs(omega))/slowest_beat(tuples, omega, amplitudes), 1.0e8_wp))
+   end function periods_of_beats
 
    !> Propagates disturbances until the largest exponent exceeds its spread in magnitude and is resolved, or the work is used up.
    !> Of disturbances that beat with each other the first one may not have the largest exponent yet.

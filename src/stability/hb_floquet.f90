@@ -4,11 +4,10 @@
 !> structure that loses energy in all motions is stable. Source: docs/why/theory.md, section 8.
 module hb_floquet
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
-   use hb_beat, only: slowest_beat
    use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_dissipation, only: loses_energy, work_of_dissipation
    use hb_error, only: error_t
-   use hb_exponents, only: exponents_t, find_exponents, propagation_t, work_of_exponents
+   use hb_exponents, only: exponents_t, find_exponents, periods_of_beats, propagation_t, work_of_exponents
    use hb_hill, only: assess_by_hill, has_determinant, work_of_hill
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: two_pi, wp
@@ -16,20 +15,20 @@ module hb_floquet
    use hb_linear_propagation, only: linear_propagation_t, new_linear_propagation
    use hb_map_eigenvalues, only: deflate_all, eigenvalues_of, shifts_of_eigenvalues, sort_by_size
    use hb_monodromy, only: find_monodromy, monodromy_t, work_of_monodromy, work_of_transfer
+   use hb_noise_response, only: find_noise_response
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, share_of_stability, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, noise_status, share_of_stability, &
       stability_config_t, stability_finder_t, stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: certainty_factor, estimate_safety, negligible_share, rounding_level, small_share
    use hb_variation, only: min_work, new_variation, variation_t
    implicit none
    private
-   public :: assess_exponents, assess_matrix, floquet_t, free_motions, has_to_be_integrated, least_work, periods_of_beats, &
-      stability_of_map, work_on_demand
+   public :: assess_exponents, assess_matrix, floquet_t, free_motions, has_to_be_integrated, least_work, stability_of_map, &
+      work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
-   real(wp), parameter :: beats_of_record = 3.0_wp                    ! its halves then end at opposite phases of the beat
    integer, parameter :: doublings_of_record = 4                      ! where its halves differ
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
@@ -68,10 +67,14 @@ contains
 
       if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
       stability%is_too_costly = allocated(structure%sparse)
+      if (stability%is_too_costly .and. has_noise(excitation)) stability%response%status = noise_status%too_costly
       if (stability%is_too_costly) return
       limit = self%max_work(config, work_allowed)
+      if (has_noise(excitation)) limit = huge(1.0_wp)                 ! its response was requested, which needs the verdict
       if (size(laws) == 0 .and. .not. allocated(structure%parts)) then
-         call assess_structure(stability, config, structure, motion, limit)
+         call assess_structure(stability, config, structure, motion, excitation, limit)
+         if (has_noise(excitation) .and. stability%response%status == noise_status%none .and. &
+             stability%verdict == verdict%stable) stability%response%status = noise_status%too_costly ! without its eigenvalues
          return
       end if
       n_transfers = 1
@@ -85,6 +88,7 @@ contains
       call find_coordinate_scales(scales, structure, laws, minval(abs(motion%tones%omega)), sum(abs(motion%amplitudes), dim=2))
       call assess_scaled(stability, config, scales%scaled_structure(structure), scales%scaled_laws(laws), &
                          scaled_motion(motion, scales%coordinates), scaled_excitation(excitation, scales%coordinates), limit)
+      call stability%response%scale(scales%coordinates)
    end subroutine floquet_find
 
    !> Of a model whose coordinates may be compared.
@@ -104,13 +108,51 @@ contains
       associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
          self%is_too_costly = highest > max_turns*minval(motion%tones%omega)
       end associate
+      if (self%is_too_costly .and. has_noise(excitation)) self%response%status = noise_status%too_costly
       if (self%is_too_costly) return
       if (motion%tones%n_tones == 1) then
          call assess_one_tone(self, config, variation, structure, laws, motion, excitation, limit)
       else
          call assess_torus(self, config, variation, structure, laws, motion, limit)
       end if
+      if (has_noise(excitation)) call add_noise(self, config, variation, structure, laws, motion, excitation)
    end subroutine assess_scaled
+
+   pure logical function has_noise(excitation) result(has)
+      type(excitation_t), intent(in) :: excitation
+
+      has = .false.
+      if (allocated(excitation%noise)) has = size(excitation%noise) > 0
+   end function has_noise
+
+   !> Adds what noise causes about a stable motion.
+   subroutine add_noise(self, config, variation, structure, laws, motion, excitation)
+      type(stability_t), intent(inout) :: self
+      type(stability_config_t), intent(in) :: config
+      type(variation_t), intent(inout) :: variation
+      type(structure_t), intent(in) :: structure
+      type(law_box_t), intent(in) :: laws(:)
+      type(harmonic_motion_t), intent(in) :: motion
+      type(excitation_t), intent(in) :: excitation
+      complex(wp), allocatable :: shifts(:, :, :)
+      real(wp), allocatable :: shift(:)
+
+      allocate (shift(0))
+      self%response%status = noise_status%no_verdict
+      if (self%verdict == verdict%unstable) self%response%status = noise_status%unstable
+      if (self%is_too_costly) self%response%status = noise_status%too_costly
+      if (self%verdict /= verdict%stable .or. .not. allocated(self%exponents)) return
+      self%response%status = noise_status%unbounded
+      if (size(free_motions(structure, laws), 2) > 0) return
+      self%response%status = noise_status%several_tones
+      if (motion%tones%n_tones > 1 .and. any(motion%tones%is_unknown)) return
+      if (any(motion%tones%is_unknown)) then
+         shifts = shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, free_motions(structure, laws))
+         shift = real(sum(shifts(:2*variation%n_dofs, :, 1), dim=2))
+      end if
+      call find_noise_response(self%response, variation, structure, excitation%noise, shift, -self%exponents(1), config, &
+                               work_on_demand)
+   end subroutine add_noise
 
    !> The motion of scaled coordinates.
    pure type(harmonic_motion_t) function scaled_motion(motion, scale) result(scaled)
@@ -131,6 +173,7 @@ contains
       integer :: h
 
       scaled = excitation
+      if (has_noise(excitation)) scaled%noise = scaled%noise*spread(scale, 2, size(scaled%noise, 2))
       if (.not. allocated(scaled%loads%values)) return
       do h = 1, size(scaled%loads%values, 2)
          scaled%loads%values(:, h) = scaled%loads%values(:, h)*scale
@@ -167,11 +210,12 @@ contains
 
    !> Stability of a structure on which no law acts. Its eigenvalues are found if they take little time beside that of a point, or
    !> were requested, or serve a curve, or if energy does not show that it is stable.
-   subroutine assess_structure(self, config, structure, motion, limit)
+   subroutine assess_structure(self, config, structure, motion, excitation, limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(structure_t), intent(in) :: structure
       type(harmonic_motion_t), intent(in) :: motion
+      type(excitation_t), intent(in) :: excitation
       real(wp), intent(in) :: limit                                   !! of work, in about a nanosecond
       real(wp), parameter :: work_of_eigenvalues = 10.0_wp            ! by the third power of the size
       real(wp), parameter :: of_a_curve = 5.0_wp                      ! up to 60 degrees of freedom, whose elimination takes as long
@@ -226,6 +270,10 @@ contains
          call assess_multipliers(self, rates, omega)
       end associate
       if (motion%tones%n_tones > 1 .and. allocated(self%multipliers)) deallocate (self%multipliers)
+      if (.not. has_noise(excitation)) return
+      call add_noise(self, config, variation, scaled, none, scaled_motion(motion, scales%coordinates), &
+                     scaled_excitation(excitation, scales%coordinates))
+      call self%response%scale(scales%coordinates)
    end subroutine assess_structure
 
    !> Stability with parts whose stiffness depends on the frequency: of one tone, under laws without memory.
@@ -248,16 +296,6 @@ contains
       self%is_too_costly = work_of_hill(variation) > max_work
       if (.not. self%is_too_costly) call assess_by_hill(self, variation, structure, motion%tones%is_unknown(1))
    end subroutine assess_with_parts
-
-   !> Periods of the slowest tone that an average has to last for: in a part of a slow beat disturbances may grow although they
-   !> decay on the whole, and the reverse.
-   pure integer function periods_of_beats(tuples, omega, amplitudes) result(n_periods)
-      integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
-      real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! (n_dofs, n_harmonics)
-
-      n_periods = ceiling(min(beats_of_record*minval(abs(omega))/slowest_beat(tuples, omega, amplitudes), 1.0e8_wp))
-   end function periods_of_beats
 
    !> Displacements on which no force depends, (n_dofs, any): motions that differ by them are equivalent.
    pure function free_motions(structure, laws) result(motions)

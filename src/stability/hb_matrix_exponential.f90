@@ -9,9 +9,11 @@ module hb_matrix_exponential
    use hb_lapack, only: dgemm, dgetrf, dgetrs
    implicit none
    private
-   public :: count_exponential, exponential_of, exponential_of_two, multiply_by, work_of_product
+   public :: count_exponential, exponential_of, exponential_of_two, exponential_with_noise, multiply_by, turn_covariance, &
+      work_of_product
 
    integer, parameter :: pade_degree = 6
+   integer, parameter :: terms_of_noise = 12                          ! of its series, at a norm of at most 1/4
    integer, parameter :: max_few = 10                                 ! rows; with more, BLAS is faster
    real(wp), parameter :: max_unchecked_cost = 1.0e6_wp               ! [ns] of a product: a check takes up to half a microsecond
 
@@ -63,6 +65,45 @@ contains
          e = product_of(e, e)
       end do
    end subroutine exponential_of
+
+   !> e = exp(a), and the covariance q at time 1 of x' = a x + white noise of density b that begins at 0, the integral of exp(a s) b
+   !> exp(a^T s) over s from 0 to 1: by its series at a small norm, then q(2 t) = q(t) + exp(a t) q(t) exp(a^T t), which adds
+   !> nothing but positive matrices, for any stiffness.
+   subroutine exponential_with_noise(a, b, e, q)
+      real(wp), intent(in) :: a(:, :), b(:, :)                        !! (n, n), b symmetric
+      real(wp), intent(out), contiguous :: e(:, :), q(:, :)           !! (n, n)
+      real(wp), dimension(size(a, 1), size(a, 1)) :: scaled, term
+      integer :: i, k, n_squarings
+
+      n_squarings = squarings_for(2.0_wp*norm_of(a))
+      scaled = a*0.5_wp**n_squarings
+      term = b*0.5_wp**n_squarings
+      q = term
+      do k = 2, terms_of_noise
+         call multiply_by(scaled, term)
+         term = (term + transpose(term))/k
+         q = q + term
+      end do
+      call exponential_of(scaled, e)
+      do i = 1, n_squarings
+         if (work_is_over()) return
+         term = q
+         call turn_covariance(e, term)
+         q = q + term
+         term = e
+         call multiply_by(term, e)
+      end do
+   end subroutine exponential_with_noise
+
+   !> q = a q a^T of a symmetric q.
+   subroutine turn_covariance(a, q)
+      real(wp), intent(in), contiguous :: a(:, :)                     !! (n, n)
+      real(wp), intent(inout), contiguous :: q(:, :)                  !! (n, n)
+
+      call multiply_by(a, q)
+      q = transpose(q)
+      call multiply_by(a, q)
+   end subroutine turn_covariance
 
    !> The same for few rows: even and odd powers apart, which takes four products instead of six.
    pure subroutine exponential_of_few(n, a, n_squarings, e)

@@ -14,7 +14,8 @@ module hb_monodromy
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
    implicit none
    private
-   public :: find_monodromy, find_transfer, min_instants, monodromy_t, n_instants_of, work_of_monodromy, work_of_transfer
+   public :: find_monodromy, find_transfer, find_transfer_over, min_instants, monodromy_t, n_instants_of, work_of_monodromy, &
+      work_of_transfer
 
    integer, parameter :: min_steps = 8
    integer, parameter :: instants_per_harmonic = 8 ! detection times for events in a period of the highest harmonic
@@ -27,6 +28,7 @@ module hb_monodromy
 
    type :: monodromy_t
       real(wp), allocatable :: matrix(:, :)                           !! of (q, v/scale, positions of sliders that slip at times)
+      real(wp), allocatable :: covariance(:, :)                       !! of the noise in the variation since the start, if any
       real(wp) :: estimate = huge(1.0_wp)                             !! of its error, relative to its largest entry or 1
       integer :: n_steps = 0                                          !! of the last iteration
       real(wp) :: work = 0.0_wp                                       !! of events and all iterations, in about a nanosecond
@@ -49,8 +51,7 @@ contains
       if (variation%n_states > 0) call drop_stuck(self, variation)
    end subroutine find_monodromy
 
-   !> Computes the map of disturbances over an interval of time; doubles the steps until the estimate is below the
-   !> tolerance, no longer falls fast, or the work exceeds its limit.
+   !> Computes the map of disturbances over an interval of time.
    subroutine find_transfer(self, variation, start, finish, tolerance, max_work)
       type(monodromy_t), intent(out) :: self
       type(variation_t), intent(inout) :: variation
@@ -58,21 +59,39 @@ contains
       real(wp), intent(in) :: tolerance
       real(wp), intent(in) :: max_work                              !! in about a nanosecond
       type(piece_t), allocatable :: pieces(:)
-      type(matrix_t) :: row(0:max_doublings)                         ! of the table of extrapolations
-      real(wp), allocatable :: before(:, :), last(:, :)
-      real(wp) :: estimate_before
-      integer :: doubling, k
 
       call cut_time(variation, start, finish, n_instants_of(variation, finish - start), pieces)
-      self%work = work_of_cuts(variation, finish - start, size(pieces) - 1)
+      associate (cuts => work_of_cuts(variation, finish - start, size(pieces) - 1))
+         call find_transfer_over(self, variation, pieces, min_steps, tolerance, max_work - 2.0_wp*cuts)
+         self%work = self%work + cuts
+      end associate
+   end subroutine find_transfer
+
+   !> Computes the map of disturbances over an interval of time that has been cut, and the covariance of the noise that begins with
+   !> it, if there is one; doubles the steps until the estimate is below the tolerance, no longer falls fast, or the work exceeds
+   !> its limit.
+   subroutine find_transfer_over(self, variation, pieces, fewest_steps, tolerance, max_work)
+      type(monodromy_t), intent(out) :: self
+      type(variation_t), intent(inout) :: variation
+      type(piece_t), intent(inout) :: pieces(:)
+      integer, intent(in) :: fewest_steps                             !! to begin with
+      real(wp), intent(in) :: tolerance
+      real(wp), intent(in) :: max_work                              !! in about a nanosecond
+      type(matrix_t) :: row(0:max_doublings)                         ! of the table of extrapolations
+      real(wp), allocatable :: before(:, :), last(:, :)
+      real(wp) :: estimate_before, length
+      integer :: doubling, k
+
+      length = pieces(size(pieces))%finish - pieces(1)%start
       if (variation%is_piecewise_linear()) then
-         call integrate_round(variation, pieces, finish - start, 1, self%matrix, self%n_steps)
-         self%work = self%work + self%n_steps*variation%work_of_step((finish - start)/max(1, self%n_steps))
+         call integrate_round(variation, pieces, length, 1, last, self%n_steps)
+         self%work = self%n_steps*variation%work_of_step(length/max(1, self%n_steps))
          if (.not. work_is_over()) self%estimate = rounding_of(variation, pieces)
+         call store(self, last)
          return
       end if
       do doubling = 0, max_doublings
-         call integrate_round(variation, pieces, (finish - start)/first_steps(variation, finish - start), 2**doubling, last, &
+         call integrate_round(variation, pieces, length/first_steps(variation, length, fewest_steps), 2**doubling, last, &
                               self%n_steps)
          do k = 1, doubling                                           ! the remaining error is of order h**(2k + 2)
             before = last
@@ -86,15 +105,30 @@ contains
             exit
          end if
          self%work = self%work + &
-                     self%n_steps*(variation%work_of_step((finish - start)/self%n_steps) + variation%work_of_node())
+                     self%n_steps*(variation%work_of_step(length/self%n_steps) + variation%work_of_node())
          if (doubling == 0) cycle
          estimate_before = self%estimate
          self%estimate = maxval(abs(last - row(max(doubling, 1) - 1)%entries))/max(1.0_wp, maxval(abs(last)))
          if (self%estimate <= tolerance .or. 2.0_wp*self%work > max_work) exit
          if (self%estimate <= equality_tolerance .and. self%estimate > small_share*estimate_before) exit
       end do
-      call move_alloc(last, self%matrix)
-   end subroutine find_transfer
+      call store(self, last)
+   end subroutine find_transfer_over
+
+   !> Stores the map and, after it, the covariance.
+   subroutine store(self, last)
+      type(monodromy_t), intent(inout) :: self
+      real(wp), allocatable, intent(inout) :: last(:, :)              !! (n, n) or (n, 2 n)
+
+      associate (n => size(last, 1))
+         if (size(last, 2) > n) then
+            self%matrix = last(:, :n)
+            self%covariance = last(:, n + 1:)
+         else
+            call move_alloc(last, self%matrix)
+         end if
+      end associate
+   end subroutine store
 
    !> Approximate work of a typical monodromy matrix in nanoseconds; sliders are usually periodic after two periods.
    pure real(wp) function work_of_monodromy(variation) result(work)
@@ -120,7 +154,7 @@ contains
          return
       end if
       do doubling = 0, 3
-         n = first_steps(variation, length)*2**doubling
+         n = first_steps(variation, length, min_steps)*2**doubling
          work = work + n*variation%work_of_step(length/n)
       end do
       work = work + 2*n*variation%work_of_node()
@@ -171,16 +205,18 @@ contains
    end function n_instants_of
 
    !> One step per period of the highest harmonic, plus one.
-   pure integer function first_steps(variation, length)
+   pure integer function first_steps(variation, length, fewest)
       type(variation_t), intent(in) :: variation
       real(wp), intent(in) :: length                                  !! [s]
+      integer, intent(in) :: fewest
 
       associate (n_periods => maxval(abs(variation%motion%frequencies))*length/two_pi)
-         first_steps = max(min_steps, nint(n_periods) + 1)
+         first_steps = max(fewest, nint(n_periods) + 1)
       end associate
    end function first_steps
 
-   !> Propagates over all pieces, in steps of about the same length, each divided into `n_parts`.
+   !> Propagates over all pieces, in steps of about the same length, each divided into `n_parts`; the map, and after it the
+   !> covariance of the noise, if there is one.
    subroutine integrate_round(variation, pieces, step, n_parts, x, n_steps)
       type(variation_t), intent(inout) :: variation
       type(piece_t), intent(inout) :: pieces(:)
@@ -190,14 +226,20 @@ contains
       integer, intent(out) :: n_steps
       integer :: i, n
 
-      allocate (x(variation%size, variation%size), source=0.0_wp)
+      associate (m => variation%size)
+         allocate (x(m, merge(2*m, m, allocated(variation%noise))), source=0.0_wp)
+      end associate
       do i = 1, variation%size
          x(i, i) = 1.0_wp
       end do
       n_steps = 0
       do i = 1, size(pieces)
          n = n_parts*max(1, ceiling((pieces(i)%finish - pieces(i)%start)/step*(1.0_wp - 1.0e-9_wp)))
-         call propagate(variation, pieces(i), n, x)
+         if (allocated(variation%noise)) then
+            call propagate(variation, pieces(i), n, x(:, :variation%size), x(:, variation%size + 1:))
+         else
+            call propagate(variation, pieces(i), n, x)
+         end if
          if (work_is_over()) return
          n_steps = n_steps + n
       end do

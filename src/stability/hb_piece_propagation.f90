@@ -7,7 +7,7 @@ module hb_piece_propagation
    use hb_cancellation, only: work_is_over
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_kinds, only: wp
-   use hb_matrix_exponential, only: exponential_of, exponential_of_two, multiply_by
+   use hb_matrix_exponential, only: exponential_of, exponential_of_two, exponential_with_noise, multiply_by, turn_covariance
    use hb_thresholds, only: rounding_level
    use hb_variation, only: piece_t, variation_t
    implicit none
@@ -25,22 +25,24 @@ contains
       half_step = 0.25_wp*near + 1.0_wp/3.0_wp*middle - 1.0_wp/12.0_wp*far
    end function half_step
 
-   !> Propagates changes of the state from the start to the end of a piece in steps of equal length.
-   subroutine propagate(self, piece, n_steps, x)
+   !> Propagates changes of the state from the start to the end of a piece in steps of equal length, and with `covariance` that of
+   !> the state under the noise of the variation.
+   subroutine propagate(self, piece, n_steps, x, covariance)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
       integer, intent(in) :: n_steps
       real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
-      real(wp), dimension(self%size, self%size) :: a, at_end, at_middle, at_start, e
+      real(wp), intent(inout), contiguous, optional :: covariance(:, :) !! (size, size)
+      real(wp), dimension(self%size, self%size) :: at_end, at_middle, at_start
       real(wp) :: h
       integer :: i
 
       h = (piece%finish - piece%start)/n_steps
       if (h > 0.0_wp .and. self%is_piecewise_linear()) then
-         call propagate_constant(self, piece, x)
+         call propagate_constant(self, piece, x, covariance)
       else if (h > 0.0_wp) then
          call evaluate_steps(self, piece, n_steps)
-         if (self%size == 2 .and. .not. allocated(self%massless)) then
+         if (self%size == 2 .and. .not. (allocated(self%massless) .or. present(covariance))) then
             call propagate_two(self, piece, h, x)
          else
             call self%matrix_at(piece, 0, at_end)
@@ -51,24 +53,45 @@ contains
                at_start = at_end
                call self%matrix_at(piece, 2*i - 1, at_middle)
                call self%matrix_at(piece, 2*i, at_end)
-               a = h*half_step(at_start, at_middle, at_end)
-               call exponential_of(a, e)
-               call multiply_by(e, x)
-               a = h*half_step(at_end, at_middle, at_start)
-               call exponential_of(a, e)
-               call multiply_by(e, x)
+               call advance(self, h*half_step(at_start, at_middle, at_end), 0.5_wp*h, x, covariance)
+               call advance(self, h*half_step(at_end, at_middle, at_start), 0.5_wp*h, x, covariance)
             end do
          end if
       end if
-      if (self%n_states > 0) call move_sliders(self, piece, x)
+      if (self%n_states == 0) return
+      call move_sliders(self, piece, x)
+      if (.not. present(covariance)) return
+      call move_sliders(self, piece, covariance)
+      covariance = transpose(covariance)
+      call move_sliders(self, piece, covariance)
    end subroutine propagate
 
+   !> Advances by a time during which the equations, integrated over it, are constant.
+   subroutine advance(self, a, time, x, covariance)
+      type(variation_t), intent(in) :: self
+      real(wp), intent(in) :: a(:, :)                                 !! integrated over the time
+      real(wp), intent(in) :: time                                    !! [s]
+      real(wp), intent(inout), contiguous :: x(:, :)
+      real(wp), intent(inout), contiguous, optional :: covariance(:, :)
+      real(wp), dimension(self%size, self%size) :: e, q
+
+      if (present(covariance)) then
+         call exponential_with_noise(a, time*self%noise, e, q)
+         call turn_covariance(e, covariance)
+         covariance = covariance + q
+      else
+         call exponential_of(a, e)
+      end if
+      call multiply_by(e, x)
+   end subroutine advance
+
    !> Propagates over a piece with constant slopes of the laws, those of its middle, with one exponential.
-   subroutine propagate_constant(self, piece, x)
+   subroutine propagate_constant(self, piece, x, covariance)
       type(variation_t), intent(inout) :: self
       type(piece_t), intent(inout) :: piece
       real(wp), intent(inout), contiguous :: x(:, :)                  !! (size, any)
-      real(wp), dimension(self%size, self%size) :: a, e
+      real(wp), intent(inout), contiguous, optional :: covariance(:, :)
+      real(wp) :: a(self%size, self%size)
 
       if (.not. allocated(piece%by_displacement)) then
          associate (n => self%n_coordinates)
@@ -78,8 +101,9 @@ contains
                                piece%by_rate, piece%by_state)
       end if
       call self%matrix_at(piece, 1, a)
-      call exponential_of((piece%finish - piece%start)*a, e)
-      call multiply_by(e, x)
+      associate (length => piece%finish - piece%start)
+         call advance(self, length*a, length, x, covariance)
+      end associate
    end subroutine propagate_constant
 
    !> Steps of a single degree of freedom, without forming a matrix.

@@ -13,8 +13,9 @@ module hb_stability
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: excitation_t, few_periods, harmonic_motion_t, max_multipliers, n_multipliers_of, share_of_stability, &
-      stability_config_t, stability_finder_t, stability_method, stability_method_names, stability_t, verdict
+   public :: excitation_t, few_periods, harmonic_motion_t, max_multipliers, n_multipliers_of, noise_response_t, noise_status, &
+      noise_status_names, share_of_stability, stability_config_t, stability_finder_t, stability_method, stability_method_names, &
+      stability_t, verdict
 
    integer, parameter :: max_multipliers = 16                        !! that are stored, the largest
    real(wp), parameter :: share_of_stability = 0.3_wp                 !! of the work of a point
@@ -43,8 +44,42 @@ module hb_stability
       real(wp) :: tolerance = 1.0e-6_wp                               !! of the monodromy matrix, relative
       integer :: min_periods = 100                                 !! of the slowest tone, for exponents
       integer :: max_periods = 800                                   !! likewise, while the sign of the largest is undecided
+      real(wp) :: noise_frequency = -1.0_wp !! of the wanted spectral density of the response to noise [rad/s]; < 0: none
       logical :: is_integrated = .false. !! always of the periodic motion of the time integration
    end type stability_config_t
+
+   !> Why the covariance of noise is known, or not.
+   type :: noise_status_t
+      integer :: none = 0                                             !! there is no noise
+      integer :: known = 1
+      integer :: no_verdict = 2                                       !! the stability is not known
+      integer :: unstable = 3
+      integer :: several_tones = 4
+      integer :: unbounded = 5                                        !! nothing holds a displacement
+      integer :: infinite = 6                                         !! it acts where there is neither mass nor constant damping
+      integer :: too_costly = 7
+      integer :: no_equations = 8                                     !! in time: rigid laws, parts that depend on frequency
+      integer :: inaccurate = 9                                       !! the motion is too far from a periodic one
+   end type noise_status_t
+   type(noise_status_t), parameter :: noise_status = noise_status_t()
+   character(13), parameter :: noise_status_names(0:9) = [character(13) :: "none", "known", "no_verdict", "unstable", &
+      "several_tones", "unbounded", "infinite", "too_costly", "no_equations", "inaccurate"]
+
+   !> What the noise of the loads causes about a motion: the variances of the degrees of freedom in their own units squared.
+   type :: noise_response_t
+      integer :: status = noise_status%none
+      real(wp), allocatable :: variance(:)                            !! mean over a period, (n_dofs)
+      real(wp), allocatable :: peak(:), least(:)                      !! largest and smallest in a period, (n_dofs)
+      real(wp), allocatable :: spectrum(:)                            !! one-sided density, mean over a period [square s], (n_dofs)
+      real(wp), allocatable :: phase_diffusion(:)                     !! rate of the variance of the phases [rad**2/s], (n_tones); 0
+                                                                      !! of given tones
+      real(wp) :: estimate = 0.0_wp                                   !! of the relative error of the variances
+   contains
+      procedure :: compare_with => noise_response_compare_with
+      procedure :: scale => noise_response_scale
+      procedure :: select_dofs => noise_response_select_dofs
+      procedure :: fail => noise_response_fail
+   end type noise_response_t
 
    type :: stability_t
       integer :: verdict = verdict%unknown
@@ -66,6 +101,7 @@ module hb_stability
       complex(wp), allocatable :: along_series(:)                     !! likewise, one of them outside the unit circle: along the
                                                                       !! series, where no periodic motion was found near it
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
+      type(noise_response_t) :: response                              !! to the noise of the loads
    contains
       procedure :: compare_with => stability_compare_with
       procedure :: unstable_along_series => stability_unstable_along_series
@@ -83,6 +119,8 @@ module hb_stability
    type :: excitation_t
       type(spectrum_t) :: loads                                       !! [N]
       real(wp) :: restitution = 0.0_wp                                !! of walls without a value of their own
+      real(wp), allocatable :: noise(:, :)                            !! forces of independent white noises of density 1
+                                                                      !! [N s**(1/2)], (n_dofs, n_sources)
    end type excitation_t
 
    !> Stability solver, hb_floquet; without one nothing is known.
@@ -131,7 +169,71 @@ contains
       else if (allocated(self%multipliers) .or. allocated(self%exponents) .or. self%verdict /= better%verdict) then
          self%verdict = verdict%unknown                               ! without either, it was counted by Hill's determinant
       end if
+      call self%response%compare_with(better%response, self%verdict)
    end subroutine stability_compare_with
+
+   !> Compares with the result along a more accurate motion: the estimated error is at least the change; nothing is known of a
+   !> motion that is not stable.
+   pure subroutine noise_response_compare_with(self, better, of_motion)
+      class(noise_response_t), intent(inout) :: self
+      type(noise_response_t), intent(in) :: better
+      integer, intent(in) :: of_motion                                !! verdict on the motion
+
+      if (self%status /= noise_status%known) return
+      if (of_motion /= verdict%stable) then
+         call self%fail(noise_status%no_verdict)
+      else if (better%status /= noise_status%known) then
+         call self%fail(better%status)
+      else
+         self%estimate = max(self%estimate, change(self%variance, better%variance), change(self%peak, better%peak), &
+                             change(self%least, better%least), change(self%phase_diffusion, better%phase_diffusion))
+      end if
+   end subroutine noise_response_compare_with
+
+   !> Largest relative change of numbers that are not negative; NaN counts as none.
+   pure real(wp) function change(from, to)
+      real(wp), intent(in) :: from(:), to(:)
+      real(wp), dimension(size(from)) :: larger
+
+      larger = max(from, to)
+      change = maxval(abs(from - to)/max(larger, tiny(1.0_wp)), mask=larger > 0.0_wp)
+      change = max(change, 0.0_wp)
+   end function change
+
+   !> Variances in the units of the model, from those of scaled coordinates.
+   pure subroutine noise_response_scale(self, units)
+      class(noise_response_t), intent(inout) :: self
+      real(wp), intent(in) :: units(:)                                !! of each coordinate, (n_dofs)
+
+      if (.not. allocated(self%variance)) return
+      self%variance = units**2*self%variance
+      self%peak = units**2*self%peak
+      self%least = units**2*self%least
+      if (allocated(self%spectrum)) self%spectrum = units**2*self%spectrum
+   end subroutine noise_response_scale
+
+   !> Reduces variances of all degrees of freedom to some of them.
+   pure subroutine noise_response_select_dofs(self, dofs)
+      class(noise_response_t), intent(inout) :: self
+      integer, intent(in) :: dofs(:)
+
+      if (.not. allocated(self%variance)) return
+      self%variance = self%variance(dofs)
+      self%peak = self%peak(dofs)
+      self%least = self%least(dofs)
+      if (allocated(self%spectrum)) self%spectrum = self%spectrum(dofs)
+   end subroutine noise_response_select_dofs
+
+   !> Makes the response unknown, for a reason.
+   pure subroutine noise_response_fail(self, status)
+      class(noise_response_t), intent(inout) :: self
+      integer, intent(in) :: status                                   !! of noise_status
+
+      self%status = status
+      if (allocated(self%variance)) deallocate (self%variance, self%peak, self%least)
+      if (allocated(self%phase_diffusion)) deallocate (self%phase_diffusion)
+      if (allocated(self%spectrum)) deallocate (self%spectrum)
+   end subroutine noise_response_fail
 
    pure subroutine compare_exponents(self, better)
       type(stability_t), intent(inout) :: self

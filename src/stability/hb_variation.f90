@@ -52,6 +52,7 @@ module hb_variation
       real(wp), allocatable :: constant(:, :)                         !! A of the structure alone, (size, size)
       real(wp), allocatable, private :: energy(:, :)                  ! of a state in the structure, (2 n_dofs, 2 n_dofs)
       real(wp), allocatable :: accelerance(:, :), shape(:, :)         !! M^-1 S and S, (n_dofs, n_coordinates)
+      real(wp), allocatable :: noise(:, :)                            !! density of white noise in the state, (size, size); none
       type(massless_t), allocatable :: massless                       !! of a structure with degrees of freedom without mass
       real(wp) :: detection_frequency = 0.0_wp !! highest frequency that carries the motion, for events [rad/s]
       real(wp), allocatable :: extent(:)                              !! amplitude of the motion of each coordinate [m]

@@ -11,7 +11,8 @@ module hb_structure_load
    use hb_text, only: max_name
    implicit none
    private
-   public :: find_timed_loads, is_only_in_time, load_box_t, structure_load_t, time_key_of, timed_structure_load_t
+   public :: find_random_forces, find_timed_loads, is_only_in_time, is_random, load_box_t, random_structure_load_t, &
+      structure_load_t, time_key_of, timed_structure_load_t
 
    type, extends(numbered_t), abstract :: structure_load_t
       integer, allocatable :: tuple(:)                                !! j, (n_tones); zeros if it has no key for it
@@ -35,6 +36,12 @@ module hb_structure_load
    contains
       procedure(find_course_of), deferred :: find_course
    end type timed_structure_load_t
+
+   !> A load of white noise: weights times strength times a noise with the covariance delta(t - t'). It is no part of the balance.
+   type, extends(structure_load_t), abstract :: random_structure_load_t
+      integer :: source = 0                                           !! that loads of the same number share; 0: one of its own
+      real(wp) :: strength = 0.0_wp                                   !! [N s**(1/2)]
+   end type random_structure_load_t
 
    abstract interface
       !> Adds the load, with its present numbers, to the spectrum of all loads.
@@ -88,12 +95,51 @@ contains
       end do
    end subroutine find_timed_loads
 
+   !> The forces of all sources of noise: f(t) = forces*xi(t), of independent xi with the covariance delta(t - t').
+   pure subroutine find_random_forces(loads, n_dofs, forces)
+      type(load_box_t), intent(in) :: loads(:)
+      integer, intent(in) :: n_dofs
+      real(wp), allocatable, intent(out) :: forces(:, :)              !! [N s**(1/2)], (n_dofs, n_sources)
+      real(wp) :: all_forces(n_dofs, size(loads))
+      integer :: numbers(size(loads))                                 ! of the sources
+      integer :: i, k, n
+
+      n = 0
+      do i = 1, size(loads)
+         select type (load => loads(i)%load)
+         class is (random_structure_load_t)
+            if (.not. allocated(load%weights)) cycle                  ! a problem that has been reported
+            k = 0
+            if (load%source > 0) k = findloc(numbers(:n), load%source, dim=1)
+            if (k == 0) then
+               n = n + 1
+               k = n
+               numbers(k) = load%source
+               all_forces(:, k) = 0.0_wp
+            end if
+            all_forces(load%dofs, k) = all_forces(load%dofs, k) + load%strength*load%weights
+         end select
+      end do
+      forces = all_forces(:, :n)
+   end subroutine find_random_forces
+
    !> Whether a load belongs to time integration alone.
    elemental logical function is_only_in_time(box)
       type(load_box_t), intent(in) :: box
 
       is_only_in_time = time_key_of(box%load) /= ""
    end function is_only_in_time
+
+   !> Whether a load is noise.
+   elemental logical function is_random(box)
+      type(load_box_t), intent(in) :: box
+
+      is_random = .false.
+      select type (load => box%load)
+      class is (random_structure_load_t)
+         is_random = .true.
+      end select
+   end function is_random
 
    !> Key by which a load has a course over time; empty: it has none.
    pure character(max_name) function time_key_of(load) result(key)

@@ -149,6 +149,8 @@ contains
       self%has_outputs = size(layout%output_names) > 0
       self%has_gradient = size(layout%gradient_names) > 0
       self%has_response_gradient = layout%has_response_gradient
+      self%has_noise = layout%has_noise
+      self%has_noise_spectrum = layout%has_noise_spectrum
       self%has_one_tone = size(layout%tuples, 1) == 1
       self%has_surfaces = size(layout%n_samples) > 0
       self%n_multipliers = layout%n_multipliers

@@ -58,6 +58,8 @@ module hb_results_layout
       character(64), allocatable :: law_labels(:)       !! of the laws, unique
       integer :: n_multipliers = 0                      !! stored for each point; 0: stability is not requested
       logical :: has_improved = .false.                 !! improved coefficients are stored
+      logical :: has_noise = .false.                    !! the response to noise is stored
+      logical :: has_noise_spectrum = .false.           !! with its spectral density at a frequency
       integer, allocatable :: n_samples(:)              !! grid per tone; size 0: no surfaces are stored
       type(swept_parameter_t), allocatable :: parameters(:)
       type(named_number_t), allocatable :: numbers(:)   !! further root attributes, if there are any

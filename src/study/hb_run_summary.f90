@@ -8,6 +8,7 @@ module hb_run_summary
    use hb_mpi, only: comm_t, max_over, sum_over
    use hb_outcome, only: is_solved, outcome, outcome_names
    use hb_results_record, only: record_t
+   use hb_stability, only: noise_status
    use hb_tones, only: max_tones
    use hb_version, only: git_commit, program_version
    implicit none
@@ -23,6 +24,7 @@ module hb_run_summary
       integer :: n_near_commensurate = 0
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
       integer :: n_stable = 0, n_unstable = 0                         !! points with such motions
+      integer :: n_without_noise = 0                                  !! points whose response to noise is not known
       integer :: n_too_costly = 0                                     !! points without stability because of its cost
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! the point after the first of them, from 1
@@ -90,6 +92,8 @@ contains
       if (is_fallback(result%fallback)) summary%n_by_fallback = summary%n_by_fallback + 1
       if (result%stability%verdict > 0) summary%n_stable = summary%n_stable + 1
       if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
+      if (result%stability%response%status /= noise_status%known .and. is_solved(result%status)) &
+         summary%n_without_noise = summary%n_without_noise + 1
       if (result%stability%is_too_costly .and. result%stability%verdict == 0 .and. is_solved(result%status)) &
          summary%n_too_costly = summary%n_too_costly + 1
       if (allocated(result%error_estimate%combination)) summary%n_estimated = summary%n_estimated + 1
@@ -156,6 +160,7 @@ contains
       summary%n_stable = sum_over(comm, summary%n_stable)
       summary%n_unstable = sum_over(comm, summary%n_unstable)
       summary%n_too_costly = sum_over(comm, summary%n_too_costly)
+      summary%n_without_noise = sum_over(comm, summary%n_without_noise)
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
       summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)
       summary%truncation = max_over(comm, summary%truncation)

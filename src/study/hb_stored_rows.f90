@@ -42,6 +42,8 @@ contains
       layout%curve_parameter = ""
       allocate (layout%dof_labels(0), layout%dof_units(0), layout%law_dof_labels(0), layout%law_dof_units(0))
       allocate (layout%law_labels(0), layout%output_names(1), layout%gradient_names(1), layout%n_samples(0))
+      layout%has_noise = self%file%has("noise_status")
+      layout%has_noise_spectrum = self%file%has("noise_spectrum")
       layout%has_response_gradient = self%file%has("response_gradient")
       call new_plan(self%plan, layout)
       do i = 1, size(self%plan%axes)

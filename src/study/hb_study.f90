@@ -21,6 +21,7 @@ module hb_study
    use hb_run_callbacks, only: run_callbacks
    use hb_stability, only: n_multipliers_of, stability_method
    use hb_stored_origin, only: request_curve
+   use hb_structure_load, only: is_random
    use hb_sweep_harmonics, only: tuples_of_sweep
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_swept_point, only: note_dofs
@@ -296,6 +297,8 @@ contains
          layout%has_response_gradient = allocated(model%options%gradient%of)
          if (model%options%stability%method /= stability_method%off) layout%n_multipliers = n_multipliers_of(structure, &
             model%system%laws)
+         layout%has_noise = any(is_random(model%system%loads))
+         layout%has_noise_spectrum = model%options%stability%noise_frequency >= 0.0_wp
          layout%title = model%options%output%title
          layout%input_name = self%document%file_name
          layout%input_folder = trim(folder_of(self%document%file_name))

@@ -2,8 +2,8 @@
 !> equations: the map from one period to the next, by differences. Source: docs/why/theory.md, section 8.
 module hb_integrated_floquet
    use hb_error, only: error_t
-   use hb_exponents, only: orthogonalise, propagation_t, work_of_exponents
-   use hb_floquet, only: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, periods_of_beats, work_on_demand
+   use hb_exponents, only: orthogonalise, periods_of_beats, propagation_t, work_of_exponents
+   use hb_floquet, only: assess_exponents, assess_matrix, floquet_t, has_to_be_integrated, work_on_demand
    use hb_integration_system, only: integration_system_t, new_integration_system
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t

@@ -22,7 +22,8 @@ INPUTS = {
     + "&sweep parameter = 'law(1)%gap', values = 0.1, 0.2 /\n",
     "curve": ONE_TONE + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 2.0, to = 2.1, points = 3 /\n"
     + "&gradient by = 'law(1)%gap' /\n",
-    "accuracy": ONE_TONE + "&accuracy tolerance = 1e-3, of = 'x1' /\n&gradient by = 'law(1)%gap', of = 'x1 (1)' /\n",
+    "accuracy": ONE_TONE + "&accuracy tolerance = 1e-3, of = 'x1' /\n&gradient by = 'law(1)%gap', of = 'x1 (1)' /\n"
+    + "&noise dof = 'x1', intensity = 1e-6 /\n&stability noise_frequency = 1.0 /\n",
 }
 
 

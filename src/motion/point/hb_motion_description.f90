@@ -22,9 +22,10 @@ module hb_motion_description
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_reached_laws, only: max_gap_to_motion, reached_laws
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, share_of_stability, stability_config_t, &
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, noise_status, share_of_stability, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict
    use hb_structure, only: max_dense
+   use hb_structure_load, only: find_random_forces
    use hb_system, only: system_t
    use hb_text, only: rounded
    use hb_thresholds, only: equality_tolerance, estimate_safety, small_share
@@ -146,7 +147,8 @@ contains
       type(stability_t) :: compared, refined
 
       if (.not. allocated(found%refined)) return
-      if (max(found%truncation, found%aliasing) <= equality_tolerance .or. stability%is_integrated) return
+      if (max(found%truncation, found%aliasing) <= equality_tolerance) return
+      if (stability%is_integrated .and. stability%response%status /= noise_status%known) return ! of the periodic motion itself
       config = options%stability
       if (allocated(stability%along_series)) then                     ! a second one has to be as unstable
          call stability_of_refined(system, options, tones, found, config, refined)
@@ -228,7 +230,8 @@ contains
                        "because disturbances grow "//rounded(result%stability%growth)//" times within the slowest period"
    end subroutine allow_for_growth
 
-   !> Calls the stability finder of the model, with the laws that the motion reaches; without one the stability is unknown.
+   !> Calls the stability finder of the model, with the laws that the motion reaches; without one the stability is unknown. With
+   !> it what the noise of the loads causes, at the output degrees of freedom.
    subroutine request_stability(system, options, config, motion, work_allowed, stability)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
@@ -237,15 +240,20 @@ contains
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(stability_t), intent(out) :: stability
       type(law_box_t), allocatable :: laws(:)
+      real(wp), allocatable :: noise(:, :)                            ! forces
 
       if (system%normal_mode%is_requested .or. config%method == stability_method%off) return
       if (.not. allocated(options%callbacks%stability_finder)) return
       laws = system%laws
       if (.not. config%is_integrated) laws = reached_laws(laws, motion, max(max_gap_to_motion, estimate_safety* &
             options%error_estimate%truncation))
+      call find_random_forces(system%loads, system%structure%n_dofs, noise)
       call options%callbacks%stability_finder%find(stability, config, motion, system%structure, laws, &
-                                                   excitation_t(system%load_spectrum, options%integration%restitution), &
+                                                   excitation_t(system%load_spectrum, options%integration%restitution, noise), &
                                                    work_allowed)
+      if (size(noise) == 0) return
+      if (stability%response%status == noise_status%none) stability%response%status = noise_status%no_equations
+      call stability%response%select_dofs(options%output%dofs)
    end subroutine request_stability
 
    !> The tones of a model at the frequencies of a solution.

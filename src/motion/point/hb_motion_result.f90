@@ -8,7 +8,7 @@ module hb_motion_result
    use hb_kinds, only: wp
    use hb_outcome, only: has_verdict, is_solved, outcome, reason
    use hb_solver_types, only: attempt_t
-   use hb_stability, only: stability_t, verdict
+   use hb_stability, only: noise_status, stability_t, verdict
    implicit none
    private
    public :: advise_on_reason, as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t, stored_motion_t
@@ -154,6 +154,7 @@ contains
       integer, intent(in) :: dofs(:)                    !! the remaining ones, in their order
 
       if (allocated(self%coefficients)) self%coefficients = self%coefficients(:, :, dofs)
+      call self%stability%response%select_dofs(dofs)
    end subroutine stored_motion_select_dofs
 
    !> Spreads a motion over other harmonics: all components along the axis `harmonic`. Those that the set lacks become NaN.
@@ -320,7 +321,9 @@ contains
    pure subroutine motion_result_withdraw_verdict(self)
       class(motion_result_t), intent(inout) :: self
 
-      if (.not. has_verdict(self%status)) self%stability%verdict = verdict%unknown
+      if (has_verdict(self%status)) return
+      self%stability%verdict = verdict%unknown
+      if (self%stability%response%status /= noise_status%none) call self%stability%response%fail(noise_status%no_verdict)
    end subroutine motion_result_withdraw_verdict
 
    !> Amplitudes a - i b as pairs (cos and sin, n_harmonics, any).
