@@ -1,278 +1,67 @@
 !> Distance of a motion from the kinks of its laws: the smallest and the largest value of each switch of a law, such as the
 !> distance to a stop, over all phases.
-!>
-!> A grid of phases, or with many tones scattered phases, show where values are large. Each of their local extremes that may be
-!> the global one is improved by Newton's method on the torus: of several tones the tops are often ridges, such as along equal
-!> phases, on which a search in one phase after the other ends early.
 module hb_switch_extremes
-   use hb_kinds, only: two_pi, wp
-   use hb_law, only: law_box_t
+   use hb_kinds, only: wp
+   use hb_law, only: law_box_t, law_t
    use hb_motion_series, only: motion_series_t, new_motion_series
+   use hb_torus_extremes, only: new_phase_grid, phase_functions_t, phase_grid_t
    implicit none
    private
    public :: extremes_of_switches
 
-   integer, parameter :: largest_grid = 16384                         ! phases
-   integer, parameter :: min_phases_of_tone = 5                       ! phases of a tone, where all together are too many
-   real(wp), parameter :: min_distance_from_zero = 0.25_wp            ! from zero, relative to the range of the values
-   real(wp), parameter :: max_rival_distance = 0.25_wp                ! of the range: so close to the best one, others are tried
-   integer, parameter :: max_rivals = 12
-   integer, parameter :: max_rounds = 40                              ! of Newton's method
-   real(wp), parameter :: smallest_width = 1.0e-4_wp                  ! [rad] of differences: less would show rounding errors only
-
-   !> A switch of a law along a motion, times a sign.
-   type :: switch_t
-      integer :: number = 1
-      real(wp) :: sense = 1.0_wp
+   !> The switches of a law along a motion.
+   type, extends(phase_functions_t) :: switches_t
+      class(law_t), pointer :: law => null()
       type(motion_series_t) :: motion
-   end type switch_t
+   contains
+      procedure :: evaluate => switches_evaluate
+   end type switches_t
 
 contains
 
    !> Extremes of all switches, (2, switches of all laws): smallest, largest.
    subroutine extremes_of_switches(laws, tuples, omega, amplitudes, extremes)
-      type(law_box_t), intent(inout) :: laws(:)                       !! phases are set for laws that rotate
+      type(law_box_t), intent(inout), target :: laws(:)               !! phases are set for laws that rotate
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_dofs, n_harmonics)
       real(wp), allocatable, intent(out) :: extremes(:, :)
-      type(switch_t) :: switch
-      real(wp), allocatable :: phases(:, :), values(:, :)
-      integer :: each(size(tuples, 1)), i, k, n, s
+      type(phase_grid_t) :: grid
+      type(switches_t) :: switches
+      real(wp), allocatable :: of_law(:, :)                           ! (2, its switches)
+      integer :: i, n
 
       allocate (extremes(2, sum([(laws(i)%law%n_switches, i=1, size(laws))])))
       if (size(extremes, 2) == 0) return
-      call make_grid(tuples, each, phases)
+      call new_phase_grid(grid, tuples)
       n = 0
       do i = 1, size(laws)
          associate (law => laws(i)%law)
             if (law%n_switches == 0) cycle
-            call new_motion_series(switch%motion, tuples, omega, matmul(transpose(law%shape), amplitudes(law%dofs, :)))
-            call find_values(laws(i), switch%motion, phases, values)
-            do s = 1, law%n_switches
-               n = n + 1
-               switch%number = s
-               do k = 1, 2
-                  switch%sense = merge(-1.0_wp, 1.0_wp, k == 1)
-                  call locate_extreme(laws(i), switch, each, phases, switch%sense*values(s, :), extremes(k, n))
-                  extremes(k, n) = switch%sense*extremes(k, n)
-               end do
-            end do
+            call new_motion_series(switches%motion, tuples, omega, matmul(transpose(law%shape), amplitudes(law%dofs, :)))
+            switches%law => laws(i)%law
+            call grid%find_extremes(switches, of_law)
+            extremes(:, n + 1:n + law%n_switches) = of_law
+            n = n + law%n_switches
          end associate
       end do
    end subroutine extremes_of_switches
 
-   !> Phases on a grid, (n_tones, any): fine enough for the highest harmonics, or as fine as is affordable; with too many tones
-   !> for a grid the same number of scattered phases.
-   pure subroutine make_grid(tuples, each, phases)
-      integer, intent(in) :: tuples(:, :)
-      integer, intent(out) :: each(:)                                 !! phases of each tone; 0: they are scattered
-      real(wp), allocatable, intent(out) :: phases(:, :)
-      integer :: i, m, quotient
-
-      each = max(24, 4*maxval(abs(tuples), dim=2))
-      do while (product(real(each, wp)) > real(largest_grid, wp) .and. any(each > min_phases_of_tone))
-         where (each == maxval(each)) each = max(min_phases_of_tone, 9*each/10)
-      end do
-      if (product(real(each, wp)) > real(largest_grid, wp)) then
-         each = 0
-         call scatter(size(each), phases)
-         return
-      end if
-      allocate (phases(size(each), product(each)))
-      do i = 1, size(phases, 2)
-         quotient = i - 1
-         do m = 1, size(each)
-            phases(m, i) = two_pi*modulo(quotient, each(m))/each(m)
-            quotient = quotient/each(m)
-         end do
-      end do
-   end subroutine make_grid
-
-   !> Phases that fill the torus evenly, multiples of the powers of 1/g, where g**(n + 1) = g + 1. Source: Roberts, The unreasonable
-   !> effectiveness of quasirandom sequences, 2018.
-   pure subroutine scatter(n, phases)
-      integer, intent(in) :: n                                        !! tones
-      real(wp), allocatable, intent(out) :: phases(:, :)
-      integer, parameter :: n_rounds = 60                             ! of a contraction by more than 2 each
-      real(wp) :: g
-      integer :: i, m
-
-      g = 1.5_wp
-      do i = 1, n_rounds
-         g = (1.0_wp + g)**(1.0_wp/(n + 1))
-      end do
-      allocate (phases(n, largest_grid))
-      do i = 1, largest_grid
-         phases(:, i) = [(two_pi*modulo(i/g**m, 1.0_wp), m=1, n)]
-      end do
-   end subroutine scatter
-
-   !> Values of all switches of a law, (n_switches, n_phases).
-   subroutine find_values(box, motion, phases, values)
-      type(law_box_t), intent(inout) :: box
-      type(motion_series_t), intent(in) :: motion
+   !> Values of all switches of the law, (n_switches, n_phases).
+   subroutine switches_evaluate(self, phases, values)
+      class(switches_t), intent(inout) :: self
       real(wp), intent(in) :: phases(:, :)
       real(wp), allocatable, intent(out) :: values(:, :)
-      real(wp) :: v(size(phases, 2), motion%n_coordinates), z(size(phases, 2), motion%n_coordinates)
+      real(wp) :: v(size(phases, 2), self%motion%n_coordinates), z(size(phases, 2), self%motion%n_coordinates)
       integer :: i
 
-      call motion%at(phases, z, v)
-      allocate (values(box%law%n_switches, size(phases, 2)))
-      do i = 1, size(phases, 2)
-         if (box%law%n_phases > 0) call box%law%set_phases(phases(:, i:i))
-         call box%law%switches(z(i, :), v(i, :), values(:, i))
-      end do
-   end subroutine find_values
-
-   !> The largest value of a switch times its sign: from the best local extremes of the grid. One that is far from zero is that of
-   !> the grid: its sign is known.
-   subroutine locate_extreme(box, switch, each, phases, values, extreme)
-      type(law_box_t), intent(inout) :: box
-      type(switch_t), intent(in) :: switch
-      integer, intent(in) :: each(:)
-      real(wp), intent(in) :: phases(:, :), values(:)                 !! on the grid, times the sign
-      real(wp), intent(out) :: extreme
-      logical :: is_left(size(values))
-      integer :: i, k
-
-      extreme = maxval(values)
-      associate (range => maxval(values) - minval(values))
-         if (abs(extreme) > min_distance_from_zero*range) return
-         is_left = values >= extreme - max_rival_distance*range
-      end associate
-      do i = 1, merge(0, size(values), any(each == 0))
-         if (is_left(i)) is_left(i) = is_local_extreme(each, values, i)
-      end do
-      do k = 1, min(max_rivals, count(is_left))
-         i = maxloc(values, dim=1, mask=is_left)
-         is_left(i) = .false.
-         call climb(box, switch, 0.5_wp*two_pi/max(min_phases_of_tone, maxval(each)), phases(:, i), extreme)
-      end do
-   end subroutine locate_extreme
-
-   !> Whether no neighbour in any phase has a larger value.
-   pure logical function is_local_extreme(each, values, i)
-      integer, intent(in) :: each(:), i
-      real(wp), intent(in) :: values(:)
-      integer :: m, position, stride
-
-      is_local_extreme = .true.
-      stride = 1
-      do m = 1, size(each)
-         position = modulo((i - 1)/stride, each(m))
-         associate (first => i - position*stride)
-            is_local_extreme = is_local_extreme .and. &
-                               values(i) >= values(first + modulo(position - 1, each(m))*stride) .and. &
-                               values(i) >= values(first + modulo(position + 1, each(m))*stride)
-         end associate
-         stride = stride*each(m)
-      end do
-   end function is_local_extreme
-
-   !> Climbs from given phases to a top. Differences have the width of the last step; where a step leads down, as at a corner,
-   !> a smaller width is used.
-   subroutine climb(box, switch, first_width, start, highest)
-      type(law_box_t), intent(inout) :: box
-      type(switch_t), intent(in) :: switch
-      real(wp), intent(in) :: first_width, start(:)                   !! [rad]
-      real(wp), intent(inout) :: highest                              !! value of all climbs
-      real(wp), allocatable :: near(:, :), stencil(:, :)
-      real(wp) :: at(size(start)), last(size(start)), reached, shift(size(start)), width
-      integer :: round
-      logical :: is_concave, is_last
-
-      at = start
-      last = start
-      reached = -huge(1.0_wp)
-      width = first_width
-      is_last = .false.
-      do round = 1, max_rounds
-         stencil = spread(at, 2, 1 + 2*size(at)**2) + width*directions(size(at))
-         call find_values(box, switch%motion, stencil, near)
-         associate (f => switch%sense*near(switch%number, :))
-            highest = max(highest, maxval(f))
-            if (is_last) return
-            call find_step(f, shift, is_concave)
-            if (f(1) < reached .or. (maxloc(f, dim=1) == 1 .and. .not. is_concave)) then
-               if (f(1) < reached) at = last
-               width = 0.25_wp*width
-               if (width < smallest_width) return
-            else
-               last = at
-               reached = f(1)
-               if (is_concave) then
-                  at = at + width*shift
-                  is_last = width <= smallest_width .and. maxval(abs(shift)) <= 1.0_wp
-                  width = max(smallest_width, width*min(1.0_wp, max(0.05_wp, maxval(abs(shift)))))
-               else
-                  at = stencil(:, maxloc(f, dim=1))
-               end if
-            end if
-         end associate
-      end do
-   end subroutine climb
-
-   !> Points of differences around a point: itself, both neighbours in each direction, the four of each pair of directions.
-   pure function directions(n)
-      integer, intent(in) :: n
-      real(wp) :: directions(n, 1 + 2*n**2)
-      integer :: i, k, m
-
-      directions = 0.0_wp
-      i = 1
-      do m = 1, n
-         directions(m, i + 1:i + 2) = [1.0_wp, -1.0_wp]
-         i = i + 2
-      end do
-      do m = 2, n
-         do k = 1, m - 1
-            directions(m, i + 1:i + 4) = [1.0_wp, -1.0_wp, 1.0_wp, -1.0_wp]
-            directions(k, i + 1:i + 4) = [1.0_wp, -1.0_wp, -1.0_wp, 1.0_wp]
-            i = i + 4
-         end do
-      end do
-   end function directions
-
-   !> The step of Newton's method to the top from values at the points of `directions`, in units of their distance, at most 2.
-   pure subroutine find_step(f, shift, is_concave)
-      real(wp), intent(in) :: f(:)
-      real(wp), intent(out) :: shift(:)
-      logical, intent(out) :: is_concave                              !! otherwise there is no step
-      real(wp), parameter :: min_curvature_ratio = 1.0e-9_wp          ! of the largest curvature: a direction without any
-      real(wp) :: factor(size(shift), size(shift))
-      integer :: i, k, m, n
-
-      n = size(shift)
-      shift = 0.5_wp*(f(2:2*n:2) - f(3:2*n + 1:2))
-      factor = 0.0_wp
-      i = 2*n + 1
-      do m = 1, n
-         factor(m, m) = 2.0_wp*f(1) - f(2*m) - f(2*m + 1)
-         do k = 1, m - 1
-            factor(m, k) = -0.25_wp*(f(i + 1) + f(i + 2) - f(i + 3) - f(i + 4))
-            i = i + 4
-         end do
-      end do
-      associate (floor => min_curvature_ratio*maxval(abs(factor)))
-         is_concave = .false.
-         do m = 1, n                                                  ! factors of Cholesky
-            do k = 1, m - 1
-               factor(m, k) = (factor(m, k) - dot_product(factor(m, :k - 1), factor(k, :k - 1)))/factor(k, k)
-            end do
-            associate (pivot => factor(m, m) - sum(factor(m, :m - 1)**2) + floor)
-               if (.not. pivot > 0.0_wp) return
-               factor(m, m) = sqrt(pivot)
-            end associate
+      call self%motion%at(phases, z, v)
+      associate (law => self%law)
+         allocate (values(law%n_switches, size(phases, 2)))
+         do i = 1, size(phases, 2)
+            if (law%n_phases > 0) call law%set_phases(phases(:, i:i))
+            call law%switches(z(i, :), v(i, :), values(:, i))
          end do
       end associate
-      is_concave = .true.
-      do m = 1, n
-         shift(m) = (shift(m) - dot_product(factor(m, :m - 1), shift(:m - 1)))/factor(m, m)
-      end do
-      do m = n, 1, -1
-         shift(m) = (shift(m) - dot_product(factor(m + 1:, m), shift(m + 1:)))/factor(m, m)
-      end do
-      shift = shift*min(1.0_wp, 2.0_wp/max(tiny(1.0_wp), maxval(abs(shift))))
-   end subroutine find_step
+   end subroutine switches_evaluate
 end module hb_switch_extremes
