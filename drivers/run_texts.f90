@@ -329,7 +329,7 @@ contains
                if (last > 0) then
                   associate (near => kind(along(at(max(1, last - 1)):at(min(size(at), k + 1)))))
                      if (n_unstable(along(at(last))) /= n_unstable(along(at(k))) .and. &
-                         .not. any(curve_kinds(near)%is_bifurcation .or. near == curve_kind%grazing .or. &
+                         .not. any(curve_kinds(near)%is_bifurcation .or. curve_kinds(near)%multipliers_jump .or. &
                                    (b > 0 .and. near == curve_kind%start))) then ! a branch starts at a bifurcation
                         n_gaps = n_gaps + 1
                         if (first == 0) first = along(at(k))

@@ -16,7 +16,7 @@ module switched_inputs
    use hb_namelist, only: write_complete_text
    use hb_options, only: purpose_t
    use hb_outcome, only: outcome
-   use hb_point_kinds, only: curve_kind, response_keys
+   use hb_point_kinds, only: beginning, curve_kinds, response_keys
    use hb_properties, only: properties_t
    use hb_run_callbacks, only: run_callbacks
    use hb_study, only: study_t
@@ -49,7 +49,7 @@ contains
       integer :: i, k
       logical :: is_torus                                             ! otherwise the period doubles
 
-      is_torus = from%kind /= curve_kind%period_doubling
+      is_torus = curve_kinds(from%kind)%begins == beginning%torus
       document = study%document
       call plan%apply(from%point, document)
       call read_model(model, document, error, study%available_memory, run_callbacks(), &
@@ -89,7 +89,7 @@ contains
             if (size(names) > 0) call add(overrides, "curve%"//trim(response_keys(k)), responses_text(names, is_torus))
          end associate
       end do
-      if (from%kind == curve_kind%grazing) then
+      if (curve_kinds(from%kind)%multipliers_jump) then
          call add(overrides, "solver%first_guess", "'integration'")
          call add(overrides, "curve%start", to_text(a_little_beyond(plan, from)))
       else

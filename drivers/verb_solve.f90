@@ -17,7 +17,7 @@ module verb_solve
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_outcome, only: outcome, reason
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: beginning, curve_kind, curve_kinds
    use hb_progress, only: log_level
    use hb_results_record, only: name_of_input, numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
@@ -218,12 +218,12 @@ contains
       allocate (ends(0))
       do i = 1, size(leaving)
          associate (value => plan%curve_values(leaving(i)%point), range => abs(plan%curve%to - plan%curve%from))
-            if (leaving(i)%kind == curve_kind%period_doubling .and. any(abs(ends - value) <= same_end*range)) then
+            if (curve_kinds(leaving(i)%kind)%begins == beginning%doubled_period .and. any(abs(ends - value) <= same_end*range)) then
                if (rank_of(comm) == 0) call say(location_of(path, leaving(i)%point)//": the motions followed before end here")
                cycle
             end if
          end associate
-         if (leaving(i)%kind == curve_kind%grazing .and. &
+         if (curve_kinds(leaving(i)%kind)%multipliers_jump .and. &
              study%model%options%lacks_impacts_of(study%model%system, outcome%impact)) cycle   ! the curve goes on by itself
          call run_one(leaving(i))
          if (allocated(error)) return
@@ -260,7 +260,8 @@ contains
          else
             call run(switched, options, where, is_there, comm, its_status, error, n_rows)
             if (.not. allocated(error)) call add_ends(ends, switched%plan, where, error)
-            if (allocated(error) .or. from%kind /= curve_kind%grazing .or. its_status /= not_all_right .or. n_rows > 1) return
+            if (allocated(error) .or. its_status /= not_all_right .or. n_rows > 1) return
+            if (.not. curve_kinds(from%kind)%multipliers_jump) return
             its_status = success                                      ! the motion after the graze need not be a torus
             if (rank_of(comm) > 0) return
             call say("no torus was found beyond "//location//": "//where//" is removed")

@@ -4,7 +4,7 @@ module hb_curve_table
    use hb_hdf5, only: h5_dataset_t, h5_file_t, open_file
    use hb_kinds, only: wp
    use hb_parameter_path, only: identifier
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: beginning, curve_kinds
    use hb_sweep_plan, only: sweep_plan_t
    implicit none
    private
@@ -58,14 +58,14 @@ contains
       if (allocated(error)) return
       do i = 1, n_points
          beyond = i
-         if (kind(i) == curve_kind%grazing) then
+         if (curve_kinds(kind(i))%multipliers_jump) then
             before = max(1, i - 1)
             after = min(n_points, i + 1)
             if (is_stable(before) > 0 .and. is_stable(after) < 0) beyond = after
             if (is_stable(before) < 0 .and. is_stable(after) > 0) beyond = before
          end if
-         if (any(kind(i) == [curve_kind%period_doubling, curve_kind%neimark_sacker]) .or. beyond /= i) &
-            leaving = [leaving, leaving_t(i, kind(i), beyond)]
+         if (curve_kinds(kind(i))%begins == beginning%nothing) cycle
+         if (beyond /= i .or. .not. curve_kinds(kind(i))%multipliers_jump) leaving = [leaving, leaving_t(i, kind(i), beyond)]
       end do
    end subroutine find_leaving
 end module hb_curve_table

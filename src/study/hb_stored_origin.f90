@@ -11,7 +11,7 @@ module hb_stored_origin
    use hb_motion_result, only: curve_position_t
    use hb_options, only: options_t
    use hb_outcome, only: outcome
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: beginning, curve_kinds
    use hb_results_record, only: reject_damaged_rows
    use hb_stored_rows, only: stored_file_t
    use hb_system, only: system_t
@@ -66,9 +66,10 @@ contains
       if (.not. allocated(error)) then
          if (options%lacks_impacts_of(system, outcome%impact)) then
             call adopt_state(self, position, system, error)
-         else if (any(position%kind == [curve_kind%period_doubling, curve_kind%neimark_sacker])) then
-            call new_curve_origin(self, position%kind == curve_kind%neimark_sacker, position, tuples, system, discretisation, &
-                                  options, error)
+         else if (curve_kinds(position%kind)%begins /= beginning%nothing .and. &
+                  .not. curve_kinds(position%kind)%multipliers_jump) then
+            call new_curve_origin(self, curve_kinds(position%kind)%begins == beginning%torus, position, tuples, system, &
+                                  discretisation, options, error)
          else
             call fail(error, &
                       "it is neither a 'period_doubling' nor a 'neimark_sacker'; 'nhbm info' and 'nhbm-post peaks' list those")
@@ -84,7 +85,7 @@ contains
       type(system_t), intent(in) :: system
       type(error_t), allocatable, intent(out) :: error
 
-      if (position%kind /= curve_kind%period_doubling) then
+      if (curve_kinds(position%kind)%begins /= beginning%doubled_period) then
          call fail(error, "it is no 'period_doubling', the only origin of motions with impacts; 'nhbm info' lists those. A "// &
                    "'neimark_sacker' leads to two tones: use a &sweep")
       else if (size(position%unknowns) /= 4*system%structure%n_dofs + 2) then

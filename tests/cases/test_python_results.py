@@ -177,7 +177,7 @@ def test_a_saved_result_is_that_of_the_command(name, tmp_path):
     (tmp_path / "ours.nml").write_text(text)
     assert run("solve", "ours.nml", "--quiet", cwd=tmp_path).status == ALL_CONVERGED
     solve(Model.from_namelist(DUFFING)).nhbm.save(tmp_path / "python.h5")
-    flags = {"flag_meanings", "flag_labels", "flag_plurals", "flag_marks", "bifurcations", "response_keys"}
+    flags = {"flag_meanings", "flag_labels", "flag_plurals", "flag_marks", "bifurcations", "response_keys", "origins"}
     with h5py.File(tmp_path / "ours.h5") as ours, h5py.File(tmp_path / "python.h5") as python:
         assert set(ours) == set(python)
         for column in ours:

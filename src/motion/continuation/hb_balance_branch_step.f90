@@ -23,11 +23,12 @@ contains
 
    !> Searches for a motion on none of the branches so far.
    module procedure balance_branch_find_separate
-      call search_separate(self, branches, x, is_found, error)
+      is_found = .false.
+      if (allocated(self%request%others)) call search_separate(self, branches, x, is_found, error)
    end procedure balance_branch_find_separate
 
    !> Adds the requested derivatives to the result of a point.
    module procedure balance_branch_find_gradient
-      call find_curve_gradient(self, curve%direction, point, result)
+      if (size(self%model%options%gradient%by) > 0) call find_curve_gradient(self, curve%direction, point, result)
    end procedure balance_branch_find_gradient
 end submodule hb_balance_branch_step

@@ -3,6 +3,7 @@
 !> At each of its points a curve along the first value is begun near the preceding point, and followed to the located
 !> point. Steps of the second value grow if that point is close and shrink if it is not found, or is a different one.
 module hb_motion_ridge
+   use hb_bifurcation, only: bifurcation
    use hb_cancellation, only: cancellation_t, verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
    use hb_curve_points, only: curve_point_t
@@ -17,7 +18,7 @@ module hb_motion_ridge
    use hb_movement, only: movement_t, new_movement, set_movement
    use hb_options, only: options_t
    use hb_outcome, only: outcome, reason
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_solution_curve, only: solution_curve_t
    use hb_switched_branch, only: max_change
    use hb_system, only: measure_of, system_t
@@ -240,13 +241,15 @@ contains
       logical, intent(out) :: is_regular
       type(error_t), allocatable, intent(out) :: error
       character(80) :: text
+      logical :: is_torus
 
       is_regular = .true.
+      is_torus = curve_kinds(self%request%over%kind)%bifurcation == bifurcation%torus
       if (self%has_left) then
          text = "it leaves the range of 'over'"
-      else if (self%request%over%kind == curve_kind%neimark_sacker .and. self%last%angle < resonant_angle) then
+      else if (is_torus .and. self%last%angle < resonant_angle) then
          text = "the multipliers meet at 1, a 1:1 resonance"
-      else if (self%request%over%kind == curve_kind%neimark_sacker .and. pi - self%last%angle < resonant_angle) then
+      else if (is_torus .and. pi - self%last%angle < resonant_angle) then
          text = "the multipliers meet at -1, a 1:2 resonance"
       else
          call find_twin(self, is_regular, error)

@@ -2,6 +2,7 @@
 !> ends.
 module hb_event_location
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
+   use hb_bifurcation, only: bifurcation
    use hb_bifurcation_location, only: add_branches, find_bifurcations
    use hb_curve, only: curve_t, event_t
    use hb_curve_branches, only: branches_t, origin_t
@@ -147,7 +148,7 @@ contains
                                         (search%at_end%squares(i) - search%at_start%squares(i))/search%length)
          else if (.not. minval(abs(values)) < max_value_of_zero*response%unit_of(search%at_end%squares(i))) then
             return
-         else if (response%kind == curve_kind%amplitude) then         ! `slope` is that of its function
+         else if (curve_kinds(response%kind)%has_slope) then
             slopes(1) = search%followed%slope_at(response, curve%last%x, curve%last%direction)
             slopes(2) = search%followed%slope_at(response, curve%x, curve%direction)/search%along
             between = cubic_between(values, slopes, search%length)
@@ -291,7 +292,7 @@ contains
          type(curve_point_t), intent(in) :: point
 
          belongs_to_junction = (curve_kinds(point%kind)%is_extreme .or. &
-                                any(point%kind == [curve_kind%branch, curve_kind%symmetry_breaking])) .and. &
+                                curve_kinds(point%kind)%bifurcation == bifurcation%branch) .and. &
                                abs(point%position - position) <= small_share*search%curve%last%step
       end function belongs_to_junction
    end subroutine find_return

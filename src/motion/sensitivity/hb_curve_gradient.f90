@@ -6,7 +6,6 @@
 module hb_curve_gradient
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_balance_branch, only: balance_branch_t
-   use hb_bifurcation, only: bifurcation
    use hb_bifurcation_location, only: bifurcation_event_t
    use hb_cancellation, only: work_is_over
    use hb_curve, only: curve_t, event_t
@@ -69,7 +68,7 @@ module hb_curve_gradient
 
 contains
 
-   !> Adds the derivatives to the result of a point, if any are requested.
+   !> Adds the requested derivatives to the result of a point.
    subroutine find_curve_gradient(branch, direction, point, result)
       class(balance_branch_t), intent(inout), target :: branch        !! on the set of the point
       real(wp), intent(in) :: direction(:)                            !! of the curve near the point
@@ -80,7 +79,7 @@ contains
       real(wp), allocatable :: unknowns(:)
       logical :: is_possible
 
-      if (size(branch%model%options%gradient%by) == 0 .or. .not. is_solved(result%status)) return
+      if (.not. is_solved(result%status)) return
       call branch%problem%move_to_point(point%x, is_possible)
       if (.not. is_possible) return
       associate (problem => branch%problem)
@@ -284,7 +283,7 @@ contains
       case (located_by%multipliers)
          change%kind = point%kind
          change%followed => branch
-         change%bifurcation = merge(bifurcation%doubling, bifurcation%torus, point%kind == curve_kind%period_doubling)
+         change%bifurcation = curve_kinds(point%kind)%bifurcation
          allocate (event, source=change)
       case default
          located%kind = point%kind

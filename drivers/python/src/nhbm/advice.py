@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 
 from nhbm.errors import Implausible, Jump, NotConverged
 from nhbm.groups import Group
@@ -114,9 +114,9 @@ def warn_of_return(ends: list[float], start: float, stop: float, first: float) -
         warn(on("returned_curve", values=[first, other]).text)
 
 
-def warn_of_bifurcations(kinds: Iterable[str], path: str) -> None:
+def warn_of_bifurcations(kinds: Iterable[str], origins: Collection[str], path: str) -> None:
     """Warns of motions that bifurcate from a curve, of which &curve switch = .true. has the command make files of their own."""
-    points = [f"{number} ({kind})" for number, kind in enumerate(kinds) if kind in ("period_doubling", "neimark_sacker")]
+    points = [f"{number} ({kind})" for number, kind in enumerate(kinds) if kind in origins]
     if points:
         warn(on("bifurcations_not_followed", f"point{'s' * (len(points) > 1)} {', '.join(points)}", path).text)
 

@@ -310,7 +310,8 @@ class Model(Peaks):
             ends = found[identifier(path)].values[found["curve_kind"].values == "end"].tolist()
             advice.warn_of_return(ends, start, stop, keys.get("first", start))
         if keys.get("switch"):
-            advice.warn_of_bifurcations(found["curve_kind"].values.tolist(), path)
+            kinds = found["curve_kind"]
+            advice.warn_of_bifurcations(kinds.values.tolist(), kinds.attrs["origins"].split(), path)
         return found
 
     @exclusive
