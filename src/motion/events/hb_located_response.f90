@@ -58,17 +58,16 @@ contains
 
    !> The function whose zeros are located, except for extremes: the difference of that square from the
    !> requested one, or the part of a harmonic in phase with its load, turned by the requested lag behind it and a quarter of a
-   !> period back.
+   !> period back. NaN at a rejected point, or without a load.
    real(wp) function located_response_departure(self, series) result(value)
       class(located_response_t), intent(in) :: self
       type(response_series_t), intent(in) :: series
 
+      value = ieee_value(value, ieee_quiet_nan)
+      if (size(series%c) == 0) return
       if (curve_kinds(self%kind)%needs_load) then
          associate (c => series%c, load => series%load)
-            value = ieee_value(value, ieee_quiet_nan)
-            if (abs(load) > 0.0_wp) value = 0.0_wp
-            if (abs(load) > 0.0_wp .and. size(c) > 0) &
-               value = real(turn_of(self)*c(series%set%index_of(self%tuple))*conjg(load))/abs(load)
+            if (abs(load) > 0.0_wp) value = real(turn_of(self)*c(series%set%index_of(self%tuple))*conjg(load))/abs(load)
          end associate
       else
          value = self%square(series) - self%target**2
