@@ -99,6 +99,11 @@ module hb_orbit_branch
          type(curve_point_t), allocatable, intent(inout) :: points(:)
       end subroutine end_at_grazing
 
+      module subroutine add_graze(points, position, x)
+         type(curve_point_t), allocatable, intent(inout) :: points(:)
+         real(wp), intent(in) :: position, x(:)
+      end subroutine add_graze
+
       module function grazes_ahead(self, curve, at_point) result(grazes)
          class(orbit_branch_t), intent(inout), target :: self
          type(curve_t), intent(in) :: curve
@@ -396,6 +401,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_point_t), allocatable :: first(:)
       integer, allocatable :: before(:)
+      integer :: i
       logical :: is_passed
 
       allocate (before, source=at_point%impacts)
@@ -407,9 +413,9 @@ contains
       if (verdict_on_work() == verdict%timed_out) curve%status = outcome%timed_out   ! integrations then miss impacts
       if (is_passed) return
       if (curve%status == outcome%pending .and. any(before /= at_point%impacts) .and. &
-          all(points%kind /= curve_kind%grazing)) then
+          .not. any([(curve_kinds(points(i)%kind)%multipliers_jump, i=1, size(points))])) then
          allocate (first(0))
-         call add_point(first, curve_kind%grazing, 0.0_wp, curve%last%x)
+         call add_graze(first, 0.0_wp, curve%last%x)
          points = [first, points]
       end if
       if (curve%status == outcome%stalled .and. grazes_ahead(self, curve, at_point)) &

@@ -1,6 +1,7 @@
 !> Grazes of a curve of motions with impacts: the number of impacts in a period changes there, and the curve has a corner.
 submodule (hb_orbit_branch) hb_orbit_branch_grazing
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_curve_events, only: compared_event_t, differing_events
    implicit none
 
    integer, parameter :: max_halvings = 30
@@ -57,7 +58,7 @@ contains
       associate (units => here%units)
          along = norm2((corner - here%x)/units)
          points = [curve_point_t ::]
-         call add_point(points, curve_kind%grazing, along, corner)
+         call add_graze(points, along, corner)
          call add_corners(self, known, at_point, along, corner, points)
          along = along + norm2((found - corner)/units)
          call add_point(points, curve_kind%regular, along, found)
@@ -71,15 +72,13 @@ contains
       type(event_values_t), intent(in) :: before, behind
       real(wp), intent(in) :: position, x(:)
       type(curve_point_t), allocatable, intent(inout) :: points(:)
-      integer :: i, sense
+      type(compared_event_t), allocatable :: events(:)
+      integer :: i
 
-      if (before%rise*behind%rise < 0.0_wp) call add_point(points, curve_kind%fold, position, x)
-      do i = 1, size(self%request%responses)
-         associate (kind => self%request%responses(i)%kind)
-            sense = curve_kinds(kind)%sense
-            if (sense*before%functions(i) > 0.0_wp .and. sense*behind%functions(i) < 0.0_wp) &
-               call add_point(points, kind, position, x, response=i)
-         end associate
+      allocate (events, source=differing_events(before, behind, self%request%responses%kind))
+      do i = 1, size(events)
+         if (events(i)%is_passed() .and. curve_kinds(events(i)%kind)%is_extreme) &
+            call add_point(points, events(i)%kind, position, x, events(i)%response)
       end do
    end subroutine add_corners
 
@@ -316,9 +315,14 @@ contains
       call find_last(self, curve, curve%x, curve%direction, curve%config%shortest_step, at_point%impacts, found, &
                      position)
       points = [curve_point_t ::]
-      call add_point(points, curve_kind%grazing, position, found)
+      call add_graze(points, position, found)
       points(1)%is_last = .true.
    end procedure end_at_grazing
+
+   !> Adds a point at which the number of impacts in a period changes.
+   module procedure add_graze
+      call add_point(points, curve_kind%grazing, position, x)
+   end procedure add_graze
 
    !> Whether a wall is struck a different number of times shortly behind the point of the curve.
    module procedure grazes_ahead

@@ -6,10 +6,11 @@
 !> of the tolerance, and shrinks below a smaller part. The tuples of the lowest set always remain, because a motion
 !> may lose its symmetry along the curve. Source: docs/why/accuracy.md.
 module hb_curve_sets
+   use hb_bifurcation, only: bifurcation
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_curve, only: curve_t
    use hb_curve_branches, only: branches_t
-   use hb_curve_events, only: event_values_t
+   use hb_curve_events, only: differing_events, event_values_t
    use hb_curve_points, only: curve_point_t
    use hb_curve_step, only: step
    use hb_error, only: error_t
@@ -19,8 +20,8 @@ module hb_curve_sets
    use hb_level, only: choose_next, choose_smaller, estimate_of, goal_share, join, level_t, max_failures, min_goal, transferred
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: outcome
-   use hb_passed_events, only: find_differences, find_passed_events, set_differences_t
-   use hb_point_kinds, only: curve_kind
+   use hb_passed_events, only: find_passed_events
+   use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_solver_types, only: report_t
    implicit none
@@ -205,11 +206,15 @@ contains
    !> Branch points are searched for on sets without gaps.
    logical function refined_step_is_accurate(self) result(is_accurate)
       class(refined_step_t), intent(inout) :: self
+      integer :: i
 
-      associate (kinds => self%points%kind)
-         is_accurate = refined_curve_is_accurate(self) .and. &
-                       .not. any(kinds == curve_kind%branch .or. kinds == curve_kind%symmetry_breaking)
-      end associate
+      is_accurate = refined_curve_is_accurate(self)
+      if (.not. is_accurate) return
+      do i = 1, size(self%points)
+         associate (kind => curve_kinds(self%points(i)%kind))
+            is_accurate = is_accurate .and. (kind%bifurcation /= bifurcation%branch .or. kind%is_extreme)
+         end associate
+      end do
    end function refined_step_is_accurate
 
    ! Motions
@@ -353,7 +358,6 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(curve_state_t) :: here
       type(level_t) :: smaller
-      type(set_differences_t) :: differences
       logical :: is_filled, is_found, is_smaller
 
       associate (followed => self%followed, curve => self%curve)
@@ -364,8 +368,7 @@ contains
          here = state_of(followed, curve, self%at_point)
          call change_set(self, smaller, is_found)
          if (is_found .and. .not. allocated(self%error)) then         ! otherwise an event would be reported twice, or never
-            call find_differences(here, state_of(followed, curve, self%at_point), differences)
-            is_found = .not. differences%any()
+            is_found = size(differing_events(here%at_point, self%at_point, followed%request%responses%kind)) == 0
          end if
          if (.not. (is_found .or. allocated(self%error))) call restore_curve(self, here)
       end associate

@@ -499,6 +499,7 @@ contains
       associate (x => curve%x, responses => self%request%responses)
          known%rise = curve%direction(size(x))
          known%excess = x(size(x)) - [self%request%from, self%request%to, self%request%values]
+         known%orientation = curve%orientation
          known%functions = [(self%function_at(responses(i), x, curve%direction), i=1, size(responses))]
          known%squares = [(self%square_at(responses(i), x), i=1, size(responses))]
          call self%find_stability(x, self%model%options%stability%tolerance, known%stability)

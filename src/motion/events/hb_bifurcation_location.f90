@@ -4,22 +4,19 @@ module hb_bifurcation_location
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_quiet_nan, ieee_value
    use hb_bifurcation, only: bifurcation, bifurcation_product, bifurcation_value, is_branch, is_torus, movement
    use hb_curve, only: curve_t, event_t
-   use hb_curve_events, only: branch_event_t
+   use hb_curve_events, only: branch_event_t, n_outside
    use hb_curve_points, only: curve_point_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, parabola_between, point_between
    use hb_event_search, only: find_pair, find_zeros, search_t, sort_by_position, whole_step
    use hb_followed, only: followed_t
    use hb_kinds, only: wp
    use hb_multiplier_meetings, only: by_angle, meeting
-   use hb_point_kinds, only: curve_kind
+   use hb_point_kinds, only: curve_kind, curve_kinds, kind_of_bifurcation
    use hb_stability, only: max_multipliers, stability_t
    use hb_thresholds, only: certainty_factor, equality_tolerance, location_tolerance, rounding_level, small_share
    implicit none
    private
-   public :: add_branches, bifurcation_event_t, find_bifurcations, n_outside
-
-   ! of each kind of bifurcation
-   integer, parameter :: kind_of(3) = [curve_kind%symmetry_breaking, curve_kind%period_doubling, curve_kind%neimark_sacker]
+   public :: add_branches, bifurcation_event_t, find_bifurcations
 
    integer, parameter :: max_divisions = 6                            ! of a piece
    integer, parameter :: max_halvings = 4                             ! of them
@@ -59,7 +56,8 @@ contains
       integer :: i
 
       call sort_by_position(search%found)
-      grazes = pack(search%found%position, search%found%kind == curve_kind%grazing)
+      allocate (grazes, source=pack(search%found%position, [(curve_kinds(search%found(i)%kind)%multipliers_jump, &
+                                                             i=1, size(search%found))]))
       do i = 0, size(grazes)
          piece%ends = whole_step(search)
          piece%stability = [search%at_start%stability, search%at_end%stability]
@@ -242,7 +240,7 @@ contains
          at_ends(1) = bifurcation_value(kind, piece%stability(1)%multipliers)
          at_ends(2) = bifurcation_value(kind, piece%stability(2)%multipliers)
          if (minval(abs(at_ends)) <= rounding_level) cycle
-         change = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind)
+         change = bifurcation_event_t(kind_of_bifurcation(kind), .false., rounding_level, search%followed, kind)
          if (at_ends(1)*at_ends(2) < 0.0_wp) then
             call find_zeros(search, change, piece%ends, at_ends, [real(wp) ::], points)
          else
@@ -324,7 +322,7 @@ contains
                                                                                                  piece%stability(2)%multipliers)]
       between = parabola_between(products, bifurcation_product(kind, there%multipliers))
       if (.not. may_change_sign(products, between)) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind, is_product=.true.)
+      change = bifurcation_event_t(kind_of_bifurcation(kind), .false., rounding_level, search%followed, kind, is_product=.true.)
       call find_other_sign(search%curve, change, piece%ends, products, between, position, value, is_found)
    end subroutine find_place_between
 
@@ -357,9 +355,9 @@ contains
          associate (nearest => there%multipliers(minloc(abs(abs(there%multipliers) - 1.0_wp), dim=1)))
             kind = kind_at(nearest)
             is_new = .not. (kind == bifurcation%branch .and. is_branch_known(search))
-            points%kind = kind_of(kind)
-            if (abs(abs(nearest) - 1.0_wp) <= equality_tolerance .and. is_new) call add_bifurcations(search, kind, piece%ends, &
-                  points)
+            points%kind = kind_of_bifurcation(kind)
+            if (abs(abs(nearest) - 1.0_wp) <= equality_tolerance .and. is_new) &
+               call add_bifurcations(search, kind, piece%ends, points)
          end associate
          call evaluate_stability_at(search, min(piece%ends(2), points(1)%position + rounding_level*search%curve%last%step), &
                location_tolerance, &
@@ -380,9 +378,12 @@ contains
       n_pairs = 0
       do i = 1, size(points)
          if (points(i)%position < piece%ends(1) .or. points(i)%position > piece%ends(2)) cycle
-         if (any(points(i)%kind == [curve_kind%fold, curve_kind%branch, curve_kind%period_doubling, &
-                                    curve_kind%symmetry_breaking])) n_single = n_single + 1
-         if (points(i)%kind == curve_kind%neimark_sacker) n_pairs = n_pairs + 1
+         select case (curve_kinds(points(i)%kind)%bifurcation)
+         case (bifurcation%branch, bifurcation%doubling)
+            n_single = n_single + 1
+         case (bifurcation%torus)
+            n_pairs = n_pairs + 1
+         end select
       end do
       is_explained = n_more == 0 .or. (modulo(n_more - n_single, 2) == 0 .and. abs(n_more) <= n_single + 2*n_pairs)
    end function is_explained
@@ -471,7 +472,7 @@ contains
       if (found%position + beside > piece(2)) beside = -min(beside, 0.5_wp*(found%position - piece(1)))
       call search%curve%point_at(found%position + beside, x, is_on_curve)
       if (.not. is_on_curve) return
-      change = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind)
+      change = bifurcation_event_t(kind_of_bifurcation(kind), .false., rounding_level, search%followed, kind)
       function_there = change%value(search%curve, x)
       if (.not. abs(function_there) > 0.0_wp) return
       found%bifurcation = kind
@@ -494,7 +495,7 @@ contains
       is_there = .not. search%followed%has_integrated_multipliers
       if (is_there) return
       associate (curve => search%curve)
-         integrated = bifurcation_event_t(kind_of(kind), .false., rounding_level, search%followed, kind, .true.)
+         integrated = bifurcation_event_t(kind_of_bifurcation(kind), .false., rounding_level, search%followed, kind, .true.)
          do i = -3, 0                                                ! decades of the step
             ends = min(max(found%position + 10.0_wp**i*curve%last%step*[-1.0_wp, 1.0_wp], piece(1)), piece(2))
             do k = 1, 2
@@ -560,11 +561,4 @@ contains
       call self%followed%find_stability(x, location_tolerance, there)
       if (allocated(there%multipliers)) value = merge(1.0_wp, -1.0_wp, n_outside(there) == self%n)
    end function number_event_value
-
-   !> Number of multipliers outside the unit circle; rounding errors of those on it, as without damping, do not count.
-   pure integer function n_outside(stability)
-      type(stability_t), intent(in) :: stability
-
-      n_outside = count(abs(stability%multipliers) > 1.0_wp + rounding_level)
-   end function n_outside
 end module hb_bifurcation_location

@@ -3,14 +3,13 @@
 module hb_event_search
    use hb_curve, only: curve_t, event_t
    use hb_curve_branches, only: branches_t
-   use hb_curve_events, only: event_values_t
+   use hb_curve_events, only: describe_unlocated, event_values_t
    use hb_curve_points, only: curve_point_t
    use hb_event_pairs, only: find_other_sign, may_change_sign, place_of_end
    use hb_followed, only: followed_t
    use hb_kinds, only: wp
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_thresholds, only: location_tolerance, negligible_step
-   use hb_unlocated_events, only: describe_unlocated
    implicit none
    private
    public :: find_pair, find_zeros, is_at_origin, rounding_of, search_t, sort_by_position, whole_step
@@ -64,7 +63,7 @@ contains
       point = curve_point_t(curve_kind%regular, self%curve%last%step, self%curve%x)
       point%stability = self%at_end%stability                         ! gfortran 12 loses it in the constructor
       if (.not. is_at_origin(self)) &
-         call describe_unlocated(self%at_start, self%at_end, self%followed%request%responses, self%found, point)
+         call describe_unlocated(self%at_start, self%at_end, self%followed%request%responses%kind, self%found, point)
       self%found = [self%found, point]
       call sort_by_position(self%found)
       call move_alloc(self%found, found)
