@@ -20,9 +20,9 @@ module hb_padding
 
 contains
 
-   !> Replaces a complete file by a copy without unused elements if that has less than half the size. A file with
-   !> points that could be solved again is not replaced, because they may need the room. After an error the file is
-   !> unchanged.
+   !> Replaces a complete file of points with their own tuples by a copy without unused elements if that has less than half
+   !> the size. A file with points that could be solved again is not replaced, because they may need the room. After an error
+   !> the file is unchanged.
    subroutine remove_padding(study, path, progress, has_time)
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path                                !! of the result file, which must be closed
@@ -37,7 +37,6 @@ contains
       real(wp) :: narrow, wide
       integer :: i, n_datasets
 
-      if (.not. study%model%options%accuracy%grows_set) return
       call read_record(record, path, error)
       if (allocated(error)) return
       if (size(open_points(record, .true.)) > 0) return

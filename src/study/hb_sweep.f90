@@ -155,7 +155,8 @@ contains
       if (allocated(error)) return
       if (run%before%is_there .and. allocated(self%plan%curve)) call recount(options%path, summary, error)
       if (allocated(error)) return
-      if (summary%n_left == 0) call remove_padding(self, options%path, run%progress, has_time)
+      if (summary%n_left == 0 .and. self%model%options%accuracy%grows_set) &
+         call remove_padding(self, options%path, run%progress, has_time)
       if (run%before%is_there .or. allocated(summary%law_findings)) &
          call store_law_findings(options%path, summary%law_findings, error)
    end subroutine complete_file

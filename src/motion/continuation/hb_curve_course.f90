@@ -7,12 +7,19 @@ module hb_curve_course
    use hb_curve_points, only: reported_extreme_t
    use hb_error_estimate, only: near_commensurate
    use hb_kinds, only: wp
-   use hb_level, only: level_t
+   use hb_level, only: estimate_of, estimate_of_motion, level_t
+   use hb_motion_result, only: motion_result_t
+   use hb_options, only: accuracy_t
+   use hb_outcome, only: outcome
+   use hb_thresholds, only: max_reliable_error
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: curve_course_t
+   public :: curve_course_t, max_exhausted, max_unreliable
 
+   integer, parameter :: max_unreliable = 30                          !! consecutive steps with errors too large to be estimated
+   integer, parameter :: max_exhausted = 10                           !! consecutive steps that use up the work of a point
+   real(wp), parameter :: max_error_ratio = 10.0_wp                         ! in units of the tolerance: too large to go on
    integer, parameter :: n_points = 4                                 ! from which the frequency of a combination is extrapolated
    real(wp), parameter :: min_decrease = 1.5_wp                       ! of it over these points
    real(wp), parameter :: max_slope_change = 0.15_wp                  ! largest relative change of the slope of a straight line
@@ -37,6 +44,8 @@ module hb_curve_course
       real(wp), allocatable, private :: omega(:, :)                   ! [rad/s], (n_tones, the last ends of steps)
    contains
       procedure :: begin => curve_course_begin
+      procedure :: count_step => curve_course_count_step
+      procedure :: status => curve_course_status
       procedure :: add_fold => curve_course_add_fold
       procedure :: add_step => curve_course_add_step
       procedure :: find_locking => curve_course_find_locking
@@ -57,6 +66,37 @@ contains
       self%values = [real(wp) ::]
       if (allocated(self%omega)) deallocate (self%omega)
    end subroutine curve_course_begin
+
+   !> Counts the last steps whose errors are not known, or that have used up the work of a point.
+   subroutine curve_course_count_step(self, requested, is_out_of_work, result)
+      class(curve_course_t), intent(inout) :: self
+      type(accuracy_t), intent(in) :: requested
+      logical, intent(in) :: is_out_of_work                           !! the last step
+      type(motion_result_t), intent(in) :: result                     !! at its end
+
+      self%n_unreliable = merge(self%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), requested))
+      self%n_exhausted = merge(self%n_exhausted + 1, 0, is_out_of_work .and. estimate_of(result) > requested%tolerance)
+   end subroutine curve_course_count_step
+
+   !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above
+   !> that.
+   pure logical function is_unreliable(estimate, accuracy)
+      real(wp), intent(in) :: estimate
+      type(accuracy_t), intent(in) :: accuracy
+
+      is_unreliable = estimate >= max_reliable_error
+      if (accuracy%is_on .and. accuracy%grows_set) &
+         is_unreliable = estimate >= min(max_error_ratio*accuracy%tolerance, max_reliable_error)
+   end function is_unreliable
+
+   !> How the branch ends if nothing is gained by a further step; otherwise pending.
+   pure integer function curve_course_status(self) result(status)
+      class(curve_course_t), intent(in) :: self
+
+      status = outcome%pending
+      if (allocated(self%locked)) status = outcome%locked
+      if (self%n_unreliable >= max_unreliable .or. self%n_exhausted >= max_exhausted) status = outcome%out_of_budget
+   end function curve_course_status
 
    !> Adds a fold.
    subroutine curve_course_add_fold(self, x, level, length)

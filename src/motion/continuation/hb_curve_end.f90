@@ -2,50 +2,26 @@
 !> its points are no longer reliable or use up their work, or it has come back to one of its folds.
 module hb_curve_end
    use hb_curve, only: curve_t
-   use hb_curve_course, only: curve_course_t
+   use hb_curve_course, only: curve_course_t, max_exhausted, max_unreliable
    use hb_curve_points, only: curve_point_t
-   use hb_followed, only: followed_t, step_accuracy_t
+   use hb_followed, only: followed_t
    use hb_harmonics, only: tuple_text
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, estimate_of_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: accuracy_t
    use hb_outcome, only: outcome, reason
    use hb_point_kinds, only: curve_kind
    use hb_text, only: rounded_to, to_text
-   use hb_thresholds, only: max_reliable_error, negligible_step
+   use hb_thresholds, only: negligible_step
    implicit none
    private
-   public :: count_doubtful_steps, describe_end, end_at_fold, end_if_doubtful, returns_to_fold
+   public :: describe_end, end_at_fold, returns_to_fold
 
    character(*), parameter :: returns_to_fold = "the curve returns to this fold: it would pass over its points again"
 
-   integer, parameter :: max_unreliable = 30                          ! consecutive steps with errors too large to be estimated
-   integer, parameter :: max_exhausted = 10                           ! consecutive steps that use up the work of a point
-   real(wp), parameter :: max_error_ratio = 10.0_wp                   ! or in units of the tolerance: too large to go on
    integer, parameter :: n_digits_of_lock = 6                         ! an extrapolated value has no more
 
 contains
-
-   !> Counts the last steps whose errors are not known, or that have used up the work of a point.
-   subroutine count_doubtful_steps(course, requested, step, result)
-      type(curve_course_t), intent(inout) :: course
-      type(accuracy_t), intent(in) :: requested
-      type(step_accuracy_t), intent(in) :: step                       !! of the last step
-      type(motion_result_t), intent(in) :: result                     !! at its end
-
-      course%n_unreliable = merge(course%n_unreliable + 1, 0, is_unreliable(estimate_of_motion(result), requested))
-      course%n_exhausted = merge(course%n_exhausted + 1, 0, step%is_out_of_work .and. estimate_of(result) > requested%tolerance)
-   end subroutine count_doubtful_steps
-
-   !> How the branch ends if nothing is gained by a further step; otherwise pending.
-   pure integer function end_if_doubtful(course) result(status)
-      type(curve_course_t), intent(in) :: course
-
-      status = outcome%pending
-      if (allocated(course%locked)) status = outcome%locked
-      if (course%n_unreliable >= max_unreliable .or. course%n_exhausted >= max_exhausted) status = outcome%out_of_budget
-   end function end_if_doubtful
 
    !> Status, reason and message where the curve cannot be followed.
    subroutine describe_end(followed, curve, course, result)
@@ -99,17 +75,6 @@ contains
          end if
       end associate
    end function end_text
-
-   !> Whether an estimated error has no meaning, except that it is large: at a given order. By a tolerance, whether it is far above
-   !> that.
-   pure logical function is_unreliable(estimate, accuracy)
-      real(wp), intent(in) :: estimate
-      type(accuracy_t), intent(in) :: accuracy
-
-      is_unreliable = estimate >= max_reliable_error
-      if (accuracy%is_on .and. accuracy%grows_set) is_unreliable = estimate >= min(max_error_ratio*accuracy%tolerance, &
-            max_reliable_error)
-   end function is_unreliable
 
    !> The end of a branch that has come back to a fold.
    pure function end_at_fold(fold) result(point)

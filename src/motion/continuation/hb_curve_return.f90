@@ -25,7 +25,6 @@ contains
       real(wp), allocatable :: omega(:)
       integer :: i
 
-      if (.not. followed%has_images()) return
       select case (kind)
       case (curve_kind%fold)
          do i = 1, size(course%folds)
@@ -61,7 +60,7 @@ contains
       end associate
    end function is_at_fold
 
-   !> Stores the course of a branch up to its last stored point.
+   !> Stores the course of a branch, whose motions have images, up to its last stored point.
    subroutine restore_course(followed, course, stored, discretisation)
       class(followed_t), intent(inout), target :: followed
       type(curve_course_t), intent(inout) :: course
@@ -71,7 +70,6 @@ contains
       real(wp), allocatable :: x(:)
       integer :: i
 
-      if (.not. followed%has_images()) return
       do i = 1, size(stored)
          if (stored(i)%length*stored(size(stored))%length < 0.0_wp) cycle
          level = level_of(discretisation, stored(i))

@@ -40,7 +40,6 @@ contains
       integer :: i, k, n_spurious
 
       is_found = .false.
-      if (.not. allocated(self%request%others)) return
       do i = 1, size(self%request%others)
          associate (passed => branches%coexisting)
             known = pack(passed, [(.not. abs(passed(k)%x(size(passed(k)%x)) - self%request%others(i)) > 0.0_wp, &

@@ -13,7 +13,7 @@ module hb_motion_curve
    use hb_curve, only: curve_t, path_t
    use hb_curve_branches, only: branches_t, origin_t
    use hb_curve_course, only: curve_course_t
-   use hb_curve_end, only: count_doubtful_steps, describe_end, end_at_fold, end_if_doubtful, returns_to_fold
+   use hb_curve_end, only: describe_end, end_at_fold, returns_to_fold
    use hb_curve_events, only: event_values_t
    use hb_curve_points, only: add_point, curve_point_t, path_of, reported_extreme_t, store_path
    use hb_curve_request, only: curve_request_t
@@ -256,7 +256,8 @@ contains
                course%reported = [course%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length), &
                                                                       sense_at(stored, i))]
          end do
-         call restore_course(followed, course, stored(max(1, i):), followed%model%discretisation)
+         if (followed%has_images()) &
+            call restore_course(followed, course, stored(max(1, i):), followed%model%discretisation)
       end associate
    end subroutine restore_passed
 
@@ -388,7 +389,7 @@ contains
       started = wall_clock()
       before = self%curve%report
       if (self%n_returned >= size(self%points)) then
-         status = end_if_doubtful(self%course)
+         status = self%course%status()
          if (status /= outcome%pending) then
             self%curve%status = status
          else
@@ -527,8 +528,8 @@ contains
          length = self%curve%last%length + point%position
          call branches%note(point%x, followed%level, followed%request)
          if (point%kind == curve_kind%regular) &
-            call count_doubtful_steps(course, followed%model%options%accuracy, self%accuracy, result)
-         call note_course(followed, course, point%kind, point%x, length)
+            call course%count_step(followed%model%options%accuracy, self%accuracy%is_out_of_work, result)
+         if (followed%has_images()) call note_course(followed, course, point%kind, point%x, length)
          position%kind = point%kind
          position%parameter = point%x(size(point%x))
          position%length = branches%sense()*length
