@@ -5,11 +5,11 @@ module verb_check
    use console, only: print_error, say, say_advice
    use exit_status, only: incomplete, not_all_right, success
    use hb_advice, only: advice_list_t, append_advice, has_advice, n_advice
-   use hb_basis, only: basis_t
    use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
    use hb_crash_handler, only: install_crash_handler, remove_crash_handler
+   use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_interruption, only: interruption
    use hb_kinds, only: two_pi, wp
@@ -397,7 +397,7 @@ contains
    subroutine describe_symmetry(model, n_coordinates)
       type(model_t), intent(in) :: model
       integer, intent(in) :: n_coordinates
-      type(basis_t) :: basis
+      type(discretisation_t) :: basis
       type(error_t), allocatable :: error
       logical :: is_odd
 

@@ -4,9 +4,8 @@
 !> Source: docs/why/theory.md, section 6.5.
 module hb_base_motion
    use hb_balance, only: balance_t
-   use hb_basis, only: transfer_coefficients
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: harmonics_t, transfer_coefficients
    use hb_kinds, only: wp
    use hb_modes, only: modes_t, new_modes
    use hb_outcome, only: outcome

@@ -7,13 +7,12 @@ module hb_error_estimate
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
-   use hb_basis, only: transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_cancellation, only: verdict, verdict_on_work
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_contact_stiffness, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t, fail
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
-   use hb_harmonics, only: canonical_sign, harmonics_t
+   use hb_harmonics, only: canonical_sign, harmonics_t, transfer_coefficients
    use hb_impact_energy, only: impact_energy
    use hb_kinds, only: wp
    use hb_law_measure, only: law_measure_t, new_law_measure

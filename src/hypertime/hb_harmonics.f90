@@ -9,8 +9,8 @@ module hb_harmonics
    use hb_text, only: length_of, to_text
    implicit none
    private
-   public :: canonical_sign, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, new_of_parity, new_subset, &
-      tuple_text
+   public :: canonical_sign, coefficients_in, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, &
+      new_of_parity, new_subset, transfer_coefficients, tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
    integer, parameter :: max_harmonics = 4000000                     ! tuples of a set
@@ -40,6 +40,7 @@ module hb_harmonics
       procedure :: times => harmonics_times
       procedure :: norms => harmonics_norms
       procedure :: indices_of => harmonics_indices_of
+      procedure :: positions_of => harmonics_positions_of
    end type harmonics_t
 
 contains
@@ -363,6 +364,47 @@ contains
          positions(:, i) = positions(:, 1) + (i - 1)*self%n_coefficients
       end do
    end function harmonics_indices_of
+
+   !> Numbers of the harmonics of a part of this set, (part%n_harmonics).
+   pure function harmonics_positions_of(self, part) result(positions)
+      class(harmonics_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: part
+      integer :: positions(part%n_harmonics)
+      integer :: h
+
+      positions = [(self%index_of(part%tuples(:, h)), h=1, part%n_harmonics)]
+   end function harmonics_positions_of
+
+   !> Copies coefficients of the tuples in both sets; the others of `to` become zero.
+   pure subroutine transfer_coefficients(from_set, to_set, from, to)
+      type(harmonics_t), intent(in) :: from_set, to_set
+      real(wp), intent(in) :: from(:, :)                              !! (from_set%n_coefficients, any)
+      real(wp), intent(out) :: to(:, :)                               !! (to_set%n_coefficients, any)
+      integer :: h, k
+
+      if (from_set%n_harmonics == to_set%n_harmonics) then             ! the usual case: points of a sweep
+         if (all(from_set%tuples == to_set%tuples)) then
+            to = from
+            return
+         end if
+      end if
+      to = 0.0_wp
+      do h = 1, to_set%n_harmonics
+         k = from_set%index_of(to_set%tuples(:, h))
+         if (k == 0) cycle
+         to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
+         if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
+      end do
+   end subroutine transfer_coefficients
+
+   !> Coefficients in another set, likewise, (to_set%n_coefficients, any).
+   pure function coefficients_in(to_set, from_set, from) result(to)
+      type(harmonics_t), intent(in) :: to_set, from_set
+      real(wp), intent(in) :: from(:, :)                              !! (from_set%n_coefficients, any)
+      real(wp) :: to(to_set%n_coefficients, size(from, 2))
+
+      call transfer_coefficients(from_set, to_set, from, to)
+   end function coefficients_in
 
    !> Angular frequencies j.omega [rad/s] of all harmonics, (n_harmonics); may be negative.
    pure function harmonics_frequencies(self, omega) result(frequencies)

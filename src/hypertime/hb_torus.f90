@@ -21,9 +21,11 @@ module hb_torus
       logical :: corrects_kinks = .false.                             !! of forces between samples, see hb_kinks
    contains
       procedure :: can_be_halved => torus_can_be_halved
+      procedure :: check => torus_check
       procedure :: half => torus_half
       procedure :: phases => torus_phases
       procedure :: equal => torus_equal
+      procedure :: resample => torus_resample
    end type torus_t
 
 contains
@@ -34,28 +36,43 @@ contains
       integer, intent(in) :: n_samples(:)                             !! (n_tones), at least 2 N_m + 1 each
       type(harmonics_t), intent(in) :: harmonics
       type(error_t), allocatable, intent(out) :: error
+
+      call self%resample(n_samples)
+      call self%check(harmonics, error)
+   end subroutine new_torus
+
+   !> Changes the numbers of samples of a whole grid.
+   pure subroutine torus_resample(self, n_samples)
+      class(torus_t), intent(inout) :: self
+      integer, intent(in) :: n_samples(:)                             !! (n_tones)
+
+      self%n_samples = n_samples
+      self%n_total = huge(1)
+      if (product(real(n_samples, wp)) <= real(largest_grid, wp)) self%n_total = product(n_samples)
+   end subroutine torus_resample
+
+   !> Fails if a tone has too few samples to distinguish its harmonics, or the grid too many.
+   subroutine torus_check(self, harmonics, error)
+      class(torus_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: harmonics
+      type(error_t), allocatable, intent(out) :: error
       integer :: m
 
-      if (size(n_samples) /= harmonics%n_tones) then
-         call fail(error, "samples are given for "//to_text(size(n_samples))//" tones, the model has "// &
+      if (size(self%n_samples) /= harmonics%n_tones) then
+         call fail(error, "samples are given for "//to_text(size(self%n_samples))//" tones, the model has "// &
             to_text(harmonics%n_tones))
          return
       end if
-      do m = 1, size(n_samples)
-         if (n_samples(m) < 2*harmonics%highest(m) + 1) then
-            call fail(error, "tone "//to_text(m)//" has "//to_text(n_samples(m))//" samples, order "// &
+      do m = 1, size(self%n_samples)
+         if (self%n_samples(m) < 2*harmonics%highest(m) + 1) then
+            call fail(error, "tone "//to_text(m)//" has "//to_text(self%n_samples(m))//" samples, order "// &
                to_text(harmonics%highest(m))//" needs at least "//to_text(2*harmonics%highest(m) + 1))
             return
          end if
       end do
-      if (product(real(n_samples, wp)) > real(largest_grid, wp)) then
-         call fail(error, "the torus would have "//to_text(product(real(n_samples, wp)))//" samples, more than "// &
-            to_text(largest_grid)//"; lower the orders or the samples")
-         return
-      end if
-      self%n_samples = n_samples
-      self%n_total = product(n_samples)
-   end subroutine new_torus
+      if (self%n_total > largest_grid) call fail(error, "the torus would have "//to_text(product(real(self%n_samples, wp)))// &
+         " samples, more than "//to_text(largest_grid)//"; lower the orders or the samples")
+   end subroutine torus_check
 
    !> Samples per tone for a law that is a polynomial of the given degree (exact for all retained harmonics: (degree +
    !> 1) N + 1), or for a non-smooth law (degree 0): three times what the harmonics need; rounded up to a fast size.

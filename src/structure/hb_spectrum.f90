@@ -137,31 +137,41 @@ contains
       type(harmonics_t), intent(in) :: set
       logical, intent(in), optional :: are_slopes                     !! derivatives by j.omega, otherwise amplitudes
       type(amplitudes_t) :: amplitudes
-      integer :: h, i, k, line(set%n_harmonics), tuple(set%n_tones)
+      real(wp) :: turned
 
-      if (.not. allocated(self%tuples)) then
+      turned = 1.0_wp
+      if (present(are_slopes)) turned = merge(-1.0_wp, 1.0_wp, are_slopes)
+      if (allocated(self%tuples)) then
+         call store_lines(self, set, turned, amplitudes)
+      else
          call new_amplitudes(amplitudes, self%n_dofs, set%n_harmonics)
-         return
       end if
-      line = 0
-      do k = 1, size(self%tuples, 2)
+   end function spectrum_in_set
+
+   pure subroutine store_lines(self, set, turned, amplitudes)
+      type(spectrum_t), intent(in) :: self
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: turned                                  !! factor of lines whose tuples change their sign
+      type(amplitudes_t), intent(inout) :: amplitudes
+      integer :: i, k, numbers(size(self%tuples, 2)), tuple(set%n_tones)
+      logical :: is_turned(size(self%tuples, 2))
+
+      do k = 1, size(numbers)
          tuple = matmul(set%units, self%tuples(:, k))
-         h = set%index_of(tuple)
-         if (h > 0) line(h) = k
+         numbers(k) = set%index_of(tuple)
+         is_turned(k) = canonical_sign(tuple) < 0
       end do
       amplitudes%n_dofs = self%n_dofs
       amplitudes%n_harmonics = set%n_harmonics
-      amplitudes%harmonics = pack([(h, h=1, set%n_harmonics)], line > 0)
-      amplitudes%values = self%values(:, line(amplitudes%harmonics))
-      do i = 1, size(amplitudes%harmonics)
-         tuple = matmul(set%units, self%tuples(:, line(amplitudes%harmonics(i))))
-         if (canonical_sign(tuple) > 0) cycle
-         amplitudes%values(:, i) = conjg(amplitudes%values(:, i))
-         if (present(are_slopes)) then
-            if (are_slopes) amplitudes%values(:, i) = -amplitudes%values(:, i)
-         end if
+      allocate (amplitudes%harmonics(count(numbers > 0)), amplitudes%values(self%n_dofs, count(numbers > 0)))
+      do k = 1, size(numbers)
+         if (numbers(k) == 0) cycle
+         i = count(numbers > 0 .and. numbers <= numbers(k))           ! ascending
+         amplitudes%harmonics(i) = numbers(k)
+         amplitudes%values(:, i) = self%values(:, k)
+         if (is_turned(k)) amplitudes%values(:, i) = turned*conjg(self%values(:, k))
       end do
-   end function spectrum_in_set
+   end subroutine store_lines
 
    !> Whether there are no lines, or all are zero.
    pure logical function spectrum_is_zero(self) result(is_zero)

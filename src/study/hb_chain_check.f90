@@ -12,7 +12,7 @@ module hb_chain_check
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: join, level_t, set_to_level, transferred
+   use hb_level, only: check_discretisation, join, level_t, transferred
    use hb_model_reader, only: update_model
    use hb_motion, only: solve_system
    use hb_motion_result, only: motion_result_t
@@ -79,15 +79,15 @@ contains
       if (is_comparable) then
          is_comparable = n_functions(here) == n_functions(self%last)
          if (source%layout%has_own_tuples) then
-            call join(both, self%last%set, is_joined)
+            call join(both, self%last%harmonics, is_joined)
          else
-            is_comparable = is_comparable .and. here%set%equal(self%last%set)
+            is_comparable = is_comparable .and. here%harmonics%equal(self%last%harmonics)
          end if
       end if
       if (is_comparable) then
-         motion = coefficients_of(both, both%set)
-         last = coefficients_of(self%last, both%set)
-         if (allocated(self%slope)) slope = transferred(self%slope_set, both%set, self%slope, 0)
+         motion = coefficients_of(both, both%harmonics)
+         last = coefficients_of(self%last, both%harmonics)
+         if (allocated(self%slope)) slope = transferred(self%slope_set, both%harmonics, self%slope, 0)
          length = source%plan%fastest_value(point) - self%last_value
          if (is_doubtful(last, motion, length, slope) .and. self%work_left > 0.0_wp) then
             stretch%source => source
@@ -96,7 +96,8 @@ contains
             stretch%frequencies = both%unknowns(size(motion) + 1:)
             stretch%work_left = self%work_left
             stretch%level = both
-            if (allocated(self%last%n_samples)) stretch%level%n_samples = max(both%n_samples, self%last%n_samples)
+            if (allocated(self%last%torus%n_samples)) &
+               call stretch%level%torus%resample(max(both%torus%n_samples, self%last%torus%n_samples))
             if (source%layout%has_own_tuples) then
                call find_anew(stretch, 0.0_wp, last)
                call find_anew(stretch, 1.0_wp, motion)
@@ -108,8 +109,8 @@ contains
          end if
          if (allocated(self%slope)) deallocate (self%slope)
          if (.not. result%leaves_branch) then
-            self%slope = (coefficients_of(both, both%set) - coefficients_of(self%last, both%set))/length
-            self%slope_set = both%set
+            self%slope = (coefficients_of(both, both%harmonics) - coefficients_of(self%last, both%harmonics))/length
+            self%slope_set = both%harmonics
          end if
       else if (allocated(self%slope)) then
          deallocate (self%slope)
@@ -139,14 +140,14 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), allocatable :: coefficients(:)
 
-      coefficients = transferred(level%set, set, level%unknowns(:size(level%unknowns) - set%n_tones), 0)
+      coefficients = transferred(level%harmonics, set, level%unknowns(:size(level%unknowns) - set%n_tones), 0)
    end function coefficients_of
 
    !> Number of coordinates of the laws of a motion.
    pure integer function n_functions(level)
       type(level_t), intent(in) :: level
 
-      n_functions = (size(level%unknowns) - level%set%n_tones)/level%set%n_coefficients
+      n_functions = (size(level%unknowns) - level%harmonics%n_tones)/level%harmonics%n_coefficients
    end function n_functions
 
    !> Whether a point deviates from the extrapolation of its predecessors.
@@ -202,8 +203,11 @@ contains
       if (allocated(error)) return
       bare = self%source%model%options
       discretisation = self%source%model%discretisation
-      if (self%source%layout%has_own_tuples) &
-         call set_to_level(discretisation, self%source%model%system, bare, self%level, error)
+      if (self%source%layout%has_own_tuples) then
+         discretisation%harmonics = self%level%harmonics
+         call discretisation%torus%resample(self%level%torus%n_samples)
+         call check_discretisation(self%source%model%system, discretisation, bare, error)
+      end if
       if (allocated(error)) return
       bare%may_integrate = .false.
       bare%solver%fallback = .false.

@@ -58,7 +58,7 @@ contains
       end if
       is_same = .false.
       if (allocated(self%last%unknowns)) &
-         is_same = size(level%unknowns) == size(self%last%unknowns) .and. level%set%equal(self%last%set)
+         is_same = size(level%unknowns) == size(self%last%unknowns) .and. level%harmonics%equal(self%last%harmonics)
       if (.not. is_same) self%n_retained = 0
       if (self%n_retained == 2) then
          if (has_jumped(self, parameter, level%unknowns)) self%n_retained = 0
@@ -67,9 +67,9 @@ contains
          self%before = self%last%unknowns
          self%before_value = self%last_value
       end if
-      if (.not. is_same) self%last%set = level%set
+      if (.not. is_same) self%last%harmonics = level%harmonics
+      self%last%torus = level%torus
       self%last%unknowns = level%unknowns
-      if (allocated(level%n_samples)) self%last%n_samples = level%n_samples
       self%last_value = parameter
       self%n_retained = min(2, self%n_retained + 1)
    end subroutine neighbour_store
@@ -85,8 +85,8 @@ contains
       real(wp), allocatable, intent(out) :: start(:)
 
       if (self%n_retained == 0) return
-      if (.not. set%equal(self%last%set)) then
-         start = transferred(self%last%set, set, self%last%unknowns, set%n_tones) ! the base frequencies follow
+      if (.not. set%equal(self%last%harmonics)) then
+         start = transferred(self%last%harmonics, set, self%last%unknowns, set%n_tones) ! the base frequencies follow
          return
       end if
       start = self%last%unknowns
@@ -106,8 +106,8 @@ contains
       associate (options => model%options)
          if (self%n_retained == 0) return
          level = self%last
-         call self%predict(parameter, self%last%set, options%chain%secant, level%unknowns)
-         if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%n_samples) > 1) & ! one tone costs little
+         call self%predict(parameter, self%last%harmonics, options%chain%secant, level%unknowns)
+         if (self%starts_small() .and. options%accuracy%grows_set .and. size(level%torus%n_samples) > 1) & ! one tone costs little
             call coarsen(model%system, options, loaded_tuples(model%system), level)
       end associate
    end subroutine neighbour_predict_level
@@ -126,7 +126,8 @@ contains
       real(wp) :: slope, slope_before
 
       has_jumped = .false.
-      associate (n => size(unknowns) - self%last%set%n_tones, p => self%last_value)       ! base frequencies follow the coefficients
+      ! base frequencies follow the coefficients
+      associate (n => size(unknowns) - self%last%harmonics%n_tones, p => self%last_value)
          if (.not. (abs(parameter - p) > 0.0_wp .and. abs(p - self%before_value) > 0.0_wp)) return
          slope = norm2(unknowns(:n) - self%last%unknowns(:n))/abs(parameter - p)
          slope_before = norm2(self%last%unknowns(:n) - self%before(:n))/abs(p - self%before_value)

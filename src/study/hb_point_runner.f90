@@ -67,6 +67,6 @@ contains
          call result%select_dofs(dofs)
       end if
       if (.not. allocated(error)) &
-         call find_gradient(model%system, model%discretisation, model%options, level, level%unknowns, result)
+         call find_gradient(model%system, model%options, level, level%unknowns, result)
    end subroutine solve_with_gradient
 end module hb_point_runner

@@ -6,9 +6,9 @@
 !> where odd motions are solved on half of it), and LAPACK's LU factorisation of a full matrix of the same size.
 module kernel_times
    use hb_balance, only: balance_t, new_balance
-   use hb_basis, only: basis_t
    use hb_clock, only: wall_clock
    use hb_coordinates, only: coordinates_t
+   use hb_discretisation, only: discretisation_t
    use hb_document, only: document_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
    use hb_error, only: error_t
@@ -182,7 +182,7 @@ contains
       type(model_t), intent(in) :: model
       type(balance_t), intent(inout) :: balance
       type(error_t), allocatable, intent(out) :: error
-      type(basis_t) :: basis
+      type(discretisation_t) :: basis
       type(coordinates_t) :: coordinates
       type(dynamic_stiffness_t) :: stiffness
       logical :: is_odd

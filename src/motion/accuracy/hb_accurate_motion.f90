@@ -61,7 +61,11 @@ contains
 
       call cancellation%enter(model%options%solver%time_limit)
       call use_threads(model%options%solver%n_threads)
-      if (present(start)) attempts%motion%start = start
+      if (present(start)) then
+         attempts%motion%start = start
+         attempts%motion%start%symmetry = model%discretisation%symmetry   ! which may differ from that of the neighbour
+         attempts%motion%start%torus%corrects_kinks = model%discretisation%torus%corrects_kinks
+      end if
       call solve_by_levels(attempts, model%system, model%discretisation, model%options)
       result = attempts%motion%result
       call result%withdraw_verdict()
@@ -316,8 +320,7 @@ contains
 
       associate (discretisation => self%discretisation, options => self%options, result => self%result)
          call integrate_to_tolerance(self%system, discretisation, options, result, is_done)
-         self%top%set = discretisation%harmonics
-         self%top%n_samples = discretisation%torus%n_samples
+         self%top%discretisation_t = discretisation
          if (is_done) is_done = result%status /= outcome%truncated .or. options%primary_method == primary_method%integration
       end associate
    end subroutine integrate_before
@@ -390,7 +393,7 @@ contains
       given = coordinates%amplitudes_of(start%whole())
       sum_of_differences = 0.0_wp
       sum_of_given = 0.0_wp
-      associate (set => motion%top%set, whole => motion%discretisation%harmonics)
+      associate (set => motion%top%harmonics, whole => motion%discretisation%harmonics)
          allocate (u(set%n_coefficients, size(given, 1)))
          u = reshape(motion%top%unknowns(:size(u)), shape(u))
          do k = 1, whole%n_harmonics
@@ -419,8 +422,7 @@ contains
          if (rule%row == attempt_row%set_of_neighbour) then
             top = self%start
          else
-            top%set = discretisation%harmonics
-            top%n_samples = discretisation%torus%n_samples
+            top%discretisation_t = discretisation
             if (rule%row == attempt_row%larger_first_set .or. rule%row == attempt_row%smaller_first_set) &
                call other_first(system, options, rule%row == attempt_row%larger_first_set, top, self%error)
             if (allocated(self%error)) return
@@ -438,8 +440,8 @@ contains
          if (allocated(top%unknowns) .or. has_ended(result)) return
          if (rule%row == attempt_row%set_of_neighbour) return       ! its error is none of the point
          if (allocated(failure)) call move_alloc(failure, self%error)
-         result%harmonics = top%set
-         result%n_samples = top%n_samples
+         result%harmonics = top%harmonics
+         result%n_samples = top%torus%n_samples
       end associate
    end subroutine find_first
 
@@ -494,7 +496,7 @@ contains
       order = lowest_order(system%tones%n_tones)
       order = merge(order + (order + 1)/2, max(1, order - 2), is_larger)
       allocate (loaded, source=driven_tuples(system, options))
-      call new_lowest_set(level%set, system%tones%n_tones, loaded, error, order)
-      if (.not. allocated(error)) level%n_samples = samples_for(level%set%highest, degree_of(system))
+      call new_lowest_set(level%harmonics, system%tones%n_tones, loaded, error, order)
+      if (.not. allocated(error)) call level%torus%resample(samples_for(level%harmonics%highest, degree_of(system)))
    end subroutine other_first
 end module hb_accurate_motion

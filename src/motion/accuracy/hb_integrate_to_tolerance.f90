@@ -14,7 +14,7 @@ module hb_integrate_to_tolerance
    use hb_integrated_result, only: guess_from, store_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
-   use hb_level, only: degree_of, distance, estimate_of, is_rigid, level_t, set_to_level
+   use hb_level, only: check_discretisation, degree_of, distance, estimate_of, is_rigid, level_t
    use hb_modes, only: slowest_decay
    use hb_motion, only: start_from
    use hb_motion_description, only: request_stability
@@ -153,7 +153,7 @@ contains
          return
       if (allocated(result%output_estimate)) return                   ! time integration has no estimates of outputs
       from = options
-      call start_on(system, discretisation, options, top, from%start%spectrum, is_there)
+      call start_on(system, options, top, from%start%spectrum, is_there)
       if (.not. is_there) return
       integrated%work_spent = result%work_spent
       call integration(system, discretisation, from, steady, integrated, found)
@@ -300,20 +300,17 @@ contains
    end function can_integrate
 
    !> The motion of a level in all degrees of freedom.
-   subroutine start_on(system, discretisation, options, level, start, is_there)
+   subroutine start_on(system, options, level, start, is_there)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       type(spectrum_t), intent(out) :: start
       logical, intent(out) :: is_there
       type(error_t), allocatable :: error
-      type(discretisation_t) :: here
 
-      here = discretisation
-      call set_to_level(here, system, options, level, error)
+      call check_discretisation(system, level%discretisation_t, options, error)
       is_there = .not. allocated(error)
-      if (is_there) call start_from(system, here, options, level%unknowns, start, is_there)
+      if (is_there) call start_from(system, level%discretisation_t, options, level%unknowns, start, is_there)
    end subroutine start_on
 
    !> Integrates with candidates in a box, then in a box of twice the order if the misfit is too large, and stores the
@@ -470,7 +467,6 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(level_t), intent(out) :: found
       type(error_t), allocatable :: error
-      type(discretisation_t) :: here
       type(steady_motion_t) :: retained
       real(wp) :: carried(discretisation%harmonics%n_harmonics), tail
       logical :: is_retained(discretisation%harmonics%n_harmonics), is_needed(discretisation%harmonics%n_harmonics)
@@ -490,19 +486,18 @@ contains
       is_retained = .false.
       is_retained(positions) = .true.
       tail = norm2(pack(carried, .not. is_retained))
-      call new_harmonics(found%set, discretisation%harmonics%tuples(:, positions), error)
+      found%discretisation_t = discretisation
+      call new_harmonics(found%harmonics, discretisation%harmonics%tuples(:, positions), error)
       if (allocated(error)) return                                    ! impossible: they are tuples of a set
-      here = discretisation
-      here%harmonics = found%set
+      call found%torus%resample(samples_for(found%harmonics%highest, degree_of(system)))
       retained = steady
       retained%amplitudes = steady%amplitudes(:, positions)
       retained%averages = steady%averages(positions, :)
-      call store_integrated(system, here, options, coordinates, retained, result)
+      call store_integrated(system, found%discretisation_t, options, coordinates, retained, result)
       result%error_estimate%truncation = min(1.0_wp, hypot(steady%spread, tail))
-      found%n_samples = samples_for(found%set%highest, degree_of(system))
-      found%unknowns = guess_from(system, here, coordinates, retained)
-      result%harmonics = found%set
-      result%n_samples = found%n_samples
+      found%unknowns = guess_from(system, found%discretisation_t, coordinates, retained)
+      result%harmonics = found%harmonics
+      result%n_samples = found%torus%n_samples
    end subroutine store_lines
 
    !> Tuples that have a load or a first guess.

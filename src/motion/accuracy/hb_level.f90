@@ -2,11 +2,11 @@
 !> estimates of the tuples that the set lacks and of the effect of its grid on the motion. A set gains the important
 !> tuples and loses the unimportant ones. Source: docs/why/accuracy.md.
 module hb_level
-   use hb_basis, only: transfer_coefficients
    use hb_characteristic, only: samples_along_time
+   use hb_contact_parts, only: contact_parts_t                        ! gfortran 12 cannot write the module without it
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_box, new_harmonics
+   use hb_harmonics, only: harmonics_t, new_box, new_harmonics, transfer_coefficients
    use hb_kinds, only: wp
    use hb_law, only: has_memory
    use hb_law_measure, only: law_measure_t
@@ -16,13 +16,13 @@ module hb_level
    use hb_reduced_base, only: grid_share
    use hb_system, only: measure_of, system_t
    use hb_thresholds, only: max_reliable_error, negligible_step, small_share
-   use hb_torus, only: fast_size, new_torus, samples_for
+   use hb_torus, only: fast_size, samples_for
    use hb_tuple_choice, only: chosen_tuples, largest_indices, tuple_union_t
    implicit none
    private
-   public :: apply_safety_factor, choose_next, choose_smaller, coarsen, degree_of, distance, estimate_of, estimate_of_motion, &
-      estimate_of_wanted, goal_share, is_rigid, join, level_of, level_t, loaded_tuples, max_failures, min_goal, needed_samples, &
-      rigid_safety_factor, set_to_level, transferred, trim_for_neighbour, trim_set
+   public :: apply_safety_factor, check_discretisation, choose_next, choose_smaller, coarsen, degree_of, distance, &
+      estimate_of, estimate_of_motion, estimate_of_wanted, goal_share, is_rigid, join, level_of, level_t, loaded_tuples, &
+      max_failures, min_goal, needed_samples, rigid_safety_factor, transferred, trim_for_neighbour, trim_set, without_motion
 
    integer, parameter :: max_failures = 3                            ! consecutive levels
    real(wp), parameter :: share_of_tail = 0.5_wp, share_of_grid = 0.3_wp ! of the error of a level
@@ -42,10 +42,8 @@ module hb_level
    real(wp), parameter :: aliasing_power = 2.4_wp ! power of the spacing of samples with which aliasing decreases
    real(wp), parameter :: min_density = 1.5_wp                      ! samples of a grid, relative to 2 N + 1
 
-   !> A set with its grid, and a motion in it.
-   type :: level_t
-      type(harmonics_t) :: set
-      integer, allocatable :: n_samples(:)                            !! (n_tones)
+   !> A discretisation, and a motion in it.
+   type, extends(discretisation_t) :: level_t
       real(wp), allocatable :: unknowns(:)                            !! coefficients at the laws' coordinates, then all base
                                                                       !! frequencies; not allocated: not known
    end type level_t
@@ -65,28 +63,29 @@ contains
       type(level_t), intent(out) :: next
       type(error_t), allocatable :: error
       real(wp) :: finer
+      integer :: n_samples(top%harmonics%n_tones)
       logical :: is_possible
 
       if (.not. goal > 0.0_wp) return
-      next%set = top%set
-      next%n_samples = top%n_samples
+      next%discretisation_t = top%discretisation_t
       if (options%accuracy%grows_set) &
          call choose_set(options, required, result, top, goal, n_failures == max_failures - 1 .or. &
          raised_by(result)*result%error_estimate%truncation >= merge(max_reliable_error, max_removable, n_failures == 0), &
-               next%set, error)
+               next%harmonics, error)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
          finer = 1.0_wp
          if (degree_of(system) == 0) finer = refinement_of(options, result, top, goal, n_failures)
-         call choose_grid(system, options, result, next%set, finer*top%n_samples, next%n_samples, is_possible)
+         call choose_grid(system, options, result, next%harmonics, finer*top%torus%n_samples, n_samples, is_possible)
          if (.not. is_possible) return
-      else if (any(next%n_samples < 2*next%set%highest + 1)) then
+         call next%torus%resample(n_samples)
+      else if (any(next%torus%n_samples < 2*next%harmonics%highest + 1)) then
          return
       end if
-      if (min(next%set%n_harmonics, top%set%n_harmonics) >= options%accuracy%max_harmonics .and. &
+      if (min(next%harmonics%n_harmonics, top%harmonics%n_harmonics) >= options%accuracy%max_harmonics .and. &
           result%error_estimate%truncation > result%error_estimate%aliasing) return ! other tuples, but not more
-      if (next%set%equal(top%set) .and. all(next%n_samples == top%n_samples)) return
-      next%unknowns = on_other_set(top, next%set)
+      if (next%harmonics%equal(top%harmonics) .and. all(next%torus%n_samples == top%torus%n_samples)) return
+      next%unknowns = on_other_set(top, next%harmonics)
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
          call apply_first_order_correction(system, result, top, next)
    end subroutine choose_next
@@ -103,7 +102,7 @@ contains
       finer = (raised_by(result)*result%error_estimate%aliasing/(share_of_grid*goal))**(1.0_wp/aliasing_power)
       finer = max(clearly_smaller, min(finer, max_refinement))
       if (estimate_of_wanted(result) <= goal_share*options%accuracy%tolerance) &
-         finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%set%n_tones))
+         finer = min(finer, affordable_growth(options, result)**(1.0_wp/top%harmonics%n_tones))
       finer = finer*growth_per_failure**n_failures
    end function refinement_of
 
@@ -116,7 +115,7 @@ contains
       type(motion_result_t), intent(in) :: result
       type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: wanted(:)                               !! (n_tones)
-      integer, intent(inout) :: n_samples(:)                          !! (n_tones)
+      integer, intent(out) :: n_samples(:)                            !! (n_tones)
       logical, intent(out) :: is_possible
       real(wp) :: share
       integer :: least(size(n_samples))
@@ -162,9 +161,9 @@ contains
       type(level_t), intent(inout) :: next                            !! with the motion of `top`
       type(level_t) :: corrected
 
-      corrected%set = next%set
-      corrected%unknowns = transferred(result%error_estimate%around, next%set, [result%error_estimate%first_order, &
-                                       top%unknowns(size(top%unknowns) - top%set%n_tones + 1:)], top%set%n_tones)
+      corrected%harmonics = next%harmonics
+      corrected%unknowns = transferred(result%error_estimate%around, next%harmonics, [result%error_estimate%first_order, &
+                                       top%unknowns(size(top%unknowns) - top%harmonics%n_tones + 1:)], top%harmonics%n_tones)
       if (distance(next, corrected, measure_of(system), .false.) < max_removable) next%unknowns = corrected%unknowns
    end subroutine apply_first_order_correction
 
@@ -186,18 +185,18 @@ contains
       integer :: h
 
       if (as_box) then
-         call new_box(set, ceiling(max_growth*top%set%highest), .false., error)
+         call new_box(set, ceiling(max_growth*top%harmonics%highest), .false., error)
          if (allocated(error)) return
-         if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%set)) return
+         if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%harmonics)) return
       end if
-      allocate (carried, source=top%set%norms(coefficients_of(top)))
+      allocate (carried, source=top%harmonics%norms(coefficients_of(top)))
       carried = carried/max(norm2(carried), tiny(1.0_wp))
-      is_needed = [(is_needed_at(options, required, top%set%tuples(:, h)), h=1, top%set%n_harmonics)]
+      is_needed = [(is_needed_at(options, required, top%harmonics%tuples(:, h)), h=1, top%harmonics%n_harmonics)]
       if (allocated(result%error_estimate%neglected)) then
          around = result%error_estimate%around
          neglected = result%error_estimate%neglected
       else                                                            ! the tangent was not usable: one more in all directions
-         call new_box(around, top%set%highest + 1, .false., error)
+         call new_box(around, top%harmonics%highest + 1, .false., error)
          if (allocated(error)) return
          allocate (neglected(around%n_harmonics), source=goal)
       end if
@@ -205,13 +204,13 @@ contains
                                                                              tiny(1.0_wp)) ! by the tuples of the set
       amplification = max(1.0_wp, min(amplification, max_amplification))
       tail = share_of_tail*goal/amplification
-      capacity = min(options%accuracy%max_harmonics, int(max_growth*max(top%set%n_harmonics, min_tuples_to_grow)))
+      capacity = min(options%accuracy%max_harmonics, int(max_growth*max(top%harmonics%n_harmonics, min_tuples_to_grow)))
       smallest = negligible_step*tail
       do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
-         call new_harmonics(set, chosen_tuples(top%set, carried, around, neglected, is_needed, tail, capacity), error)
+         call new_harmonics(set, chosen_tuples(top%harmonics, carried, around, neglected, is_needed, tail, capacity), error)
          if (allocated(error)) return
          if (raised_by(result)*result%error_estimate%truncation <= goal .or. &
-             set%n_harmonics > min_growth*top%set%n_harmonics) return
+             set%n_harmonics > min_growth*top%harmonics%n_harmonics) return
          tail = max_tail_ratio*tail
       end do
    end subroutine choose_set
@@ -241,8 +240,8 @@ contains
          allowed = share_of_grid*goal_share*options%accuracy%tolerance
          density = min(1.0_wp, (raised_by(result)*result%error_estimate%aliasing/allowed)**(1.0_wp/aliasing_power))
       end if
-      level%n_samples = min(level%n_samples, max(needed_samples(level%set%highest, degree_of(system)), &
-                                                 fast_size(ceiling(density*level%n_samples))))
+      call level%torus%resample(min(level%torus%n_samples, max(needed_samples(level%harmonics%highest, degree_of(system)), &
+                                                               fast_size(ceiling(density*level%torus%n_samples)))))
    end subroutine trim_for_neighbour
 
    !> Leaves of a level what is its motion to a few tolerances: a small set from which that of the next point grows. The grid is
@@ -256,7 +255,7 @@ contains
 
       call trim_set(options, required, max_excess_in_tolerances, level)
       if (options%accuracy%refines_grid) &
-         level%n_samples = min(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
+         call level%torus%resample(min(level%torus%n_samples, needed_samples(level%harmonics%highest, degree_of(system))))
    end subroutine coarsen
 
    !> Removes from a level the tuples that together contribute at most a share of the tolerance.
@@ -271,17 +270,17 @@ contains
       integer, allocatable :: retained(:)
       integer :: h
 
-      allocate (amplitudes, source=level%set%norms(coefficients_of(level)))
+      allocate (amplitudes, source=level%harmonics%norms(coefficients_of(level)))
       amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
-      do h = 1, level%set%n_harmonics
-         if (is_needed_at(options, required, level%set%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
+      do h = 1, level%harmonics%n_harmonics
+         if (is_needed_at(options, required, level%harmonics%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
       allocate (retained, source=largest_indices(amplitudes, share*options%accuracy%tolerance, size(amplitudes)))
       if (size(retained) == size(amplitudes)) return
-      call new_harmonics(trimmed%set, level%set%tuples(:, retained), error)
+      trimmed%discretisation_t = level%discretisation_t
+      call new_harmonics(trimmed%harmonics, level%harmonics%tuples(:, retained), error)
       if (allocated(error)) return
-      trimmed%n_samples = level%n_samples
-      trimmed%unknowns = on_other_set(level, trimmed%set)
+      trimmed%unknowns = on_other_set(level, trimmed%harmonics)
       level = trimmed
    end subroutine trim_set
 
@@ -296,16 +295,16 @@ contains
       integer, allocatable :: least(:), n_samples(:)
       integer :: n_harmonics
 
-      n_harmonics = level%set%n_harmonics
-      allocate (n_samples, source=level%n_samples)
+      n_harmonics = level%harmonics%n_harmonics
+      allocate (n_samples, source=level%torus%n_samples)
       if (options%accuracy%grows_set) call trim_set(options, required, small_share, level)
       if (options%accuracy%refines_grid) then
-         allocate (least, source=needed_samples(level%set%highest, degree_of(system)))
+         allocate (least, source=needed_samples(level%harmonics%highest, degree_of(system)))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
-         level%n_samples = min(n_samples, least)
+         call level%torus%resample(min(n_samples, least))
       end if
-      is_smaller = level%set%n_harmonics <= clearly_smaller*n_harmonics .or. &
-                   product(real(level%n_samples, wp)) <= clearly_smaller*product(real(n_samples, wp))
+      is_smaller = level%harmonics%n_harmonics <= clearly_smaller*n_harmonics .or. &
+                   product(real(level%torus%n_samples, wp)) <= clearly_smaller*product(real(n_samples, wp))
    end subroutine choose_smaller
 
    !> Adds all tuples of a set to a level; its motion is zero there. `is_new` is true if any were added.
@@ -317,15 +316,16 @@ contains
       type(level_t) :: joined
       type(error_t), allocatable :: error
 
-      is_new = .not. has_all_of(level%set, set)
+      is_new = .not. has_all_of(level%harmonics, set)
       if (.not. is_new) return
-      call union%add(level%set%tuples)
+      call union%add(level%harmonics%tuples)
       call union%add(set%tuples)
-      call new_harmonics(joined%set, union%list(), error)
+      joined%discretisation_t = level%discretisation_t
+      call new_harmonics(joined%harmonics, union%list(), error)
       is_new = .not. allocated(error)
       if (.not. is_new) return
-      joined%n_samples = max(level%n_samples, needed_samples(joined%set%highest, 0))
-      joined%unknowns = on_other_set(level, joined%set)
+      call joined%torus%resample(max(level%torus%n_samples, needed_samples(joined%harmonics%highest, 0)))
+      joined%unknowns = on_other_set(level, joined%harmonics)
       level = joined
    end subroutine join
 
@@ -336,11 +336,10 @@ contains
       type(level_t) :: level
       type(error_t), allocatable :: error
 
-      level%set = discretisation%harmonics
-      level%n_samples = discretisation%torus%n_samples
+      level%discretisation_t = discretisation
       if (.not. present(position)) return
-      if (allocated(position%tuples)) call new_harmonics(level%set, position%tuples, error) ! cannot fail: there was a motion in it
-      if (allocated(position%n_samples)) level%n_samples = position%n_samples
+      if (allocated(position%tuples)) call new_harmonics(level%harmonics, position%tuples, error) ! there was a motion in it
+      if (allocated(position%n_samples)) call level%torus%resample(position%n_samples)
    end function level_of
 
    !> Whether a set must contain a tuple: the mean value, the fundamentals, outputs, and what else is required.
@@ -371,30 +370,31 @@ contains
       tuples = system%load_spectrum%nonzero_tuples()
    end function loaded_tuples
 
-   !> Sets a discretisation to the set and the grid of a level.
-   subroutine set_to_level(here, system, options, level, error)
-      type(discretisation_t), intent(inout) :: here
-      type(system_t), intent(in) :: system
-      type(options_t), intent(in) :: options
+   !> Its set and grid alone.
+   pure function without_motion(level) result(bare)
       type(level_t), intent(in) :: level
+      type(level_t) :: bare
+
+      bare%discretisation_t = level%discretisation_t
+   end function without_motion
+
+   !> Fails if the grid does not suit the set, or a point would need more memory than there is.
+   subroutine check_discretisation(system, discretisation, options, error)
+      type(system_t), intent(in) :: system
+      type(discretisation_t), intent(in) :: discretisation
+      type(options_t), intent(in) :: options
       type(error_t), allocatable, intent(out) :: error
 
-      logical :: corrects_kinks
-
-      corrects_kinks = here%torus%corrects_kinks
-      here%harmonics = level%set
-      call new_torus(here%torus, level%n_samples, level%set, error)
-      if (allocated(error)) return
-      here%torus%corrects_kinks = corrects_kinks
-      call check_memory(sizes_of(system, here, options), options%memory_limit, error)
-   end subroutine set_to_level
+      call discretisation%torus%check(discretisation%harmonics, error)
+      if (.not. allocated(error)) call check_memory(sizes_of(system, discretisation, options), options%memory_limit, error)
+   end subroutine check_discretisation
 
    !> Coefficients (n_coefficients, coordinates) of the motion of a level.
    pure function coefficients_of(level) result(u)
       type(level_t), intent(in) :: level
       real(wp), allocatable :: u(:, :)
 
-      associate (n => level%set%n_coefficients, n_all => size(level%unknowns) - level%set%n_tones)
+      associate (n => level%harmonics%n_coefficients, n_all => size(level%unknowns) - level%harmonics%n_tones)
          u = reshape(level%unknowns(:n_all), [n, n_all/n])
       end associate
    end function coefficients_of
@@ -405,7 +405,7 @@ contains
       type(harmonics_t), intent(in) :: set
       real(wp), allocatable :: unknowns(:)
 
-      unknowns = transferred(level%set, set, level%unknowns, level%set%n_tones)
+      unknowns = transferred(level%harmonics, set, level%unknowns, level%harmonics%n_tones)
    end function on_other_set
 
    !> Transfers unknowns from one set to another; new tuples are zero.
@@ -431,12 +431,12 @@ contains
       type(level_t) :: moved
       real(wp), allocatable :: seen(:, :), there(:, :)
 
-      moved%set = upper%set
-      moved%unknowns = on_other_set(lower, upper%set)
+      moved%harmonics = upper%harmonics
+      moved%unknowns = on_other_set(lower, upper%harmonics)
       allocate (there, source=measure%seen(coefficients_of(moved)))
       allocate (seen, source=measure%seen(coefficients_of(upper)))
       if (has_free_phases) then
-         distance = norm2(upper%set%norms(there) - upper%set%norms(seen))
+         distance = norm2(upper%harmonics%norms(there) - upper%harmonics%norms(seen))
       else
          distance = norm2(there - seen)
       end if

@@ -6,7 +6,7 @@ module hb_level_solver
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_level, only: apply_safety_factor, level_t, set_to_level
+   use hb_level, only: apply_safety_factor, check_discretisation, level_t
    use hb_motion, only: solve_system
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: options_t
@@ -27,7 +27,6 @@ module hb_level_solver
    !> Solves the levels of a point and counts their work.
    type, extends(effort_t) :: level_solver_t
       type(system_t), pointer :: system => null()
-      type(discretisation_t), pointer :: discretisation => null()     ! of the point
       type(options_t), pointer :: options => null()                   ! of the point
       type(options_t) :: level_options
       logical :: is_out_of_work = .false.                             ! the last level was ended by its limit
@@ -49,14 +48,12 @@ contains
    end function solver_tolerance
 
    !> Prepares the levels of a point.
-   subroutine level_solver_prepare(self, system, discretisation, options)
+   subroutine level_solver_prepare(self, system, options)
       class(level_solver_t), intent(inout) :: self
       type(system_t), intent(in), target :: system
-      type(discretisation_t), intent(in), target :: discretisation
       type(options_t), intent(in), target :: options
 
       self%system => system
-      self%discretisation => discretisation
       self%options => options
       self%level_options = options
       associate (level_options => self%level_options)
@@ -91,7 +88,7 @@ contains
          solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
          if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
          call limit%enter(huge(1.0_wp), self%permitted_work(with_fallback))
-         call solve_level(self%system, self%discretisation, self%level_options, level, first_guess, result, error, found)
+         call solve_level(self%system, self%level_options, level, first_guess, result, error, found)
          call limit%leave()
          result%work_spent = limit%budget%spent
          self%is_out_of_work = limit%verdict == verdict%out_of_work
@@ -107,27 +104,25 @@ contains
 
    !> Solves a model on the set of a level, from a first guess if there is one, in the base that needs the fewest samples. What it
    !> returns is in the given base.
-   subroutine solve_level(system, discretisation, options, level, guess, result, error, found)
+   subroutine solve_level(system, options, level, guess, result, error, found)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level
       real(wp), allocatable, intent(inout) :: guess(:)                !! unknowns as those of a level; lost
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(out) :: found(:)                  !! unknowns of the motion, if there is one
-      type(discretisation_t) :: here
       type(base_change_t) :: base
 
-      here = discretisation
       call base%choose(system, options, level, guess)
       if (base%is_on) then
-         call set_to_level(here, base%system, options, base%level, error)
-         if (.not. allocated(error)) call solve_system(base%system, here, options, result, error, guess, found)
-         if (.not. allocated(error)) call base%bring_back(system, options, level%set, result, found)
+         call check_discretisation(base%system, base%level%discretisation_t, options, error)
+         if (.not. allocated(error)) &
+            call solve_system(base%system, base%level%discretisation_t, options, result, error, guess, found)
+         if (.not. allocated(error)) call base%bring_back(system, options, level%harmonics, result, found)
       else
-         call set_to_level(here, system, options, level, error)
-         if (.not. allocated(error)) call solve_system(system, here, options, result, error, guess, found)
+         call check_discretisation(system, level%discretisation_t, options, error)
+         if (.not. allocated(error)) call solve_system(system, level%discretisation_t, options, result, error, guess, found)
       end if
    end subroutine solve_level
 

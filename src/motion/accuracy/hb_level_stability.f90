@@ -5,7 +5,7 @@ module hb_level_stability
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of_motion, level_t, set_to_level
+   use hb_level, only: check_discretisation, estimate_of_motion, level_t
    use hb_level_solver, only: solve_level
    use hb_motion, only: solve_system
    use hb_motion_description, only: add_stability_of, allow_for_growth, compare_with_refined
@@ -23,16 +23,14 @@ module hb_level_stability
 contains
 
    !> Solves the last level again, with stability and samples of the motion.
-   subroutine add_stability(system, discretisation, options, top, tolerance, work_spent, compares, result)
+   subroutine add_stability(system, options, top, tolerance, work_spent, compares, result)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: top
       real(wp), intent(in) :: tolerance                               !! residual of the motion
       real(wp), intent(in) :: work_spent                              !! for the motion
       logical, intent(in) :: compares                                 !! with a short time integration
       type(motion_result_t), intent(inout) :: result
-      type(discretisation_t) :: here
       type(options_t) :: alone                                        !! the motion and its stability, without estimates
       type(tones_t) :: tones
       type(motion_result_t) :: whole
@@ -47,17 +45,15 @@ contains
       alone%stability%work_spent = work_spent
       alone%compares_in_time = compares
       if (alone%stability%method == stability_method%auto) alone%stability%min_periods = few_periods
-      here = discretisation
       guess = top%unknowns
       if (size(options%output%samples) == 0) call base%choose(system, alone, top, guess) ! else over given phases
       if (.not. base%is_on) then
-         call set_to_level(here, system, alone, top, error)
-         if (.not. allocated(error)) call solve_system(system, here, alone, whole, error, guess)
+         call check_discretisation(system, top%discretisation_t, alone, error)
+         if (.not. allocated(error)) call solve_system(system, top%discretisation_t, alone, whole, error, guess)
       else
-         here%harmonics = top%set
-         call solve_for_all_dofs(system, discretisation, alone, top, whole, error)
+         call solve_for_all_dofs(system, alone, top, whole, error)
          if (.not. allocated(error) .and. whole%status == outcome%converged) &
-            call add_stability_of(system, alone, motion_of(top%set, system%tones, whole), whole)
+            call add_stability_of(system, alone, motion_of(top%harmonics, system%tones, whole), whole)
       end if
       if (allocated(error) .or. whole%status /= outcome%converged) return
       if (result%status == outcome%converged) then
@@ -75,9 +71,8 @@ contains
    end subroutine add_stability
 
    !> Solves the level for the motion of all degrees of freedom. Periods of its stability are those of the given tones.
-   subroutine solve_for_all_dofs(system, discretisation, options, top, whole, error)
+   subroutine solve_for_all_dofs(system, options, top, whole, error)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: top
       type(motion_result_t), intent(out) :: whole
@@ -91,7 +86,7 @@ contains
       of_all%compares_in_time = .false.
       of_all%output%dofs = [(i, i=1, system%structure%n_dofs)]
       guess = top%unknowns
-      call solve_level(system, discretisation, of_all, top, guess, whole, error, found)
+      call solve_level(system, of_all, top, guess, whole, error, found)
    end subroutine solve_for_all_dofs
 
    !> The motion of a result that has the coefficients of all degrees of freedom.

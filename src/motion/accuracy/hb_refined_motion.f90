@@ -72,7 +72,7 @@ contains
       self%required = loaded_tuples(system)
       self%max_idle = max_idle
       self%max_failures = max_failures
-      call self%solver%prepare(system, discretisation, options)
+      call self%solver%prepare(system, options)
    end subroutine refined_motion_begin
 
    !> Refines the motion from the first level to that of the tolerance, and completes its result.
@@ -155,8 +155,8 @@ contains
          if (self%is_checked) &
             trial%level_estimate = max(trial%level_estimate, estimate_by_levels(raw, self%own_estimate, self%difference))
          if (is_rigid(system)) trial%level_estimate = max(trial%level_estimate, min(1.0_wp, &
-            self%difference*left_after(top%set%n_harmonics, next%set%n_harmonics, system%tones%n_tones)))
-         call calibrate_outputs(system, self%options, trial, next%set, self%result, top%set, self%own_outputs)
+            self%difference*left_after(top%harmonics%n_harmonics, next%harmonics%n_harmonics, system%tones%n_tones)))
+         call calibrate_outputs(system, self%options, trial, next%harmonics, self%result, top%harmonics, self%own_outputs)
          below = estimate_from_above(self%estimate, self%difference, trial%level_estimate, is_rigid(system))
          if (self%is_checked .and. below < self%best_estimate .and. size(outputs_raw) == 0) then
             self%best = self%result
@@ -197,7 +197,7 @@ contains
          left = solver%permitted_work(.false.)
          if (self%estimate <= accuracy%tolerance .and. self%is_checked) left = accuracy%max_work - solver%work_spent
       end associate
-      affords_next = left > least_work_of_next(self%result%work_spent, self%top%n_samples, self%next%n_samples)
+      affords_next = left > least_work_of_next(self%result%work_spent, self%top%torus%n_samples, self%next%torus%n_samples)
    end function affords_next
 
    !> Work that a level takes at least, from that of the level below and the samples of both.
@@ -341,15 +341,15 @@ contains
          end if
          compares = compares_in_time(self)
          if (options%stability%method /= stability_method%off .or. size(options%output%samples) > 0 .or. compares) &
-            call add_stability(self%system, self%discretisation, self%options, self%top, solver_tolerance(self%options), &
+            call add_stability(self%system, self%options, self%top, solver_tolerance(self%options), &
                                self%solver%work_spent, compares, result)
          if (result%reason == reason%tolerance .and. .not. allocated(result%message) .and. &
                estimate_of_wanted(result) < small_share) &
             result%message = trim(message_on_tolerance(estimate_of_wanted(result)))
          if (result%status == outcome%truncated .and. allocated(result%output_estimate)) &
             result%message = trim(message_on_outputs(options%accuracy, max(result%output_estimate, result%output_level_estimate)))
-         result%harmonics = self%top%set
-         result%n_samples = self%top%n_samples
+         result%harmonics = self%top%harmonics
+         result%n_samples = self%top%torus%n_samples
          result%level_difference = self%difference
          if (result%level_estimate <= estimate_of_motion(result)) result%level_estimate = 0.0_wp
          if (allocated(result%output_estimate)) then

@@ -20,7 +20,7 @@ module hb_census
    use hb_harmonics, only: harmonics_t, new_box, new_of_parity
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
-   use hb_level, only: degree_of, estimate_of, join, level_t, set_to_level, transferred
+   use hb_level, only: check_discretisation, degree_of, estimate_of, join, level_t, transferred
    use hb_load_branch, only: follow_loads
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
@@ -192,7 +192,7 @@ contains
          census%n_directed_lost = 1
          return
       end if
-      allocate (given, source=transferred(level%set, self%here%harmonics, level%unknowns, level%set%n_tones))
+      allocate (given, source=transferred(level%harmonics, self%here%harmonics, level%unknowns, level%harmonics%n_tones))
       call self%try(given(:self%balance%n_unknowns), start_kind%given, census%n_directed_lost)
    end subroutine try_given
 
@@ -318,8 +318,7 @@ contains
       if (allocated(level%unknowns)) then
          joined = level
       else
-         joined%set = model%discretisation%harmonics
-         joined%n_samples = model%discretisation%torus%n_samples
+         joined%discretisation_t = model%discretisation
          allocate (joined%unknowns(0))
       end if
       if (model%options%accuracy%grows_set) then
@@ -331,12 +330,13 @@ contains
          if (allocated(level%unknowns)) then
             call join(joined, box, is_new)
          else
-            joined%set = box
+            joined%harmonics = box
          end if
       end if
       if (model%options%accuracy%refines_grid) &
-         joined%n_samples = max(joined%n_samples, samples_for(joined%set%highest, degree_of(model%system)))
-      call set_to_level(here, model%system, model%options, joined, error)
+         call joined%torus%resample(max(joined%torus%n_samples, samples_for(joined%harmonics%highest, degree_of(model%system))))
+      here = joined%discretisation_t
+      call check_discretisation(model%system, here, model%options, error)
    end subroutine choose_set
 
    !> Makes a start: the motion to which it leads is counted, and added if it is a new one, with those found from it.
@@ -561,7 +561,7 @@ contains
             own%options%chain%is_on = .false.
             own%options%may_integrate = .false.
             own%options%solver%fallback = .false.
-            below = level_t(self%here%harmonics, self%here%torus%n_samples)
+            below%discretisation_t = self%here
             below%unknowns = [motion%x, model%system%tones%omega]
             if (.not. work_is_over()) then
                if (self%here%symmetry == symmetry%odd) then
@@ -710,7 +710,7 @@ contains
       type(level_t), intent(in) :: level
       real(wp), allocatable :: there(:)
 
-      allocate (there, source=transferred(level%set, self%here%harmonics, level%unknowns, self%here%harmonics%n_tones))
+      allocate (there, source=transferred(level%harmonics, self%here%harmonics, level%unknowns, self%here%harmonics%n_tones))
       has_moved = is_apart(x, reshape(there(:size(x)), [size(x), 1]), self%scale(), max_distance_of_same)
    end function has_moved
 

@@ -4,7 +4,6 @@
 module hb_balance_branch
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_autonomous, only: find_energy
-   use hb_basis, only: basis_t, whole_basis
    use hb_bifurcation_error, only: add_error_of_bifurcation, add_error_of_graze
    use hb_bordered, only: bordered_problem_t, new_bordered_problem, plane_t
    use hb_curve, only: curve_config_t, curve_t, solve_next_to
@@ -19,7 +18,7 @@ module hb_balance_branch
    use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_kinds, only: wp
    use hb_law, only: has_memory
-   use hb_level, only: apply_safety_factor, estimate_of, level_t, set_to_level, transferred
+   use hb_level, only: apply_safety_factor, check_discretisation, estimate_of, level_t, transferred, without_motion
    use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
    use hb_model_basis, only: half_of_odd, is_solved_odd, max_even_share
@@ -155,8 +154,9 @@ contains
          tones%omega(which) = self%further(:n_unknown)
          if (found%system%normal_mode%is_requested) which = [which, tones%n_tones + which]
       end associate
-      if (found%options%accuracy%is_on .or. any(level%n_samples /= found%discretisation%torus%n_samples)) then
-         call set_to_level(found%discretisation, found%system, found%options, level, error)
+      if (found%options%accuracy%is_on .or. any(level%torus%n_samples /= found%discretisation%torus%n_samples)) then
+         found%discretisation = level%discretisation_t
+         call check_discretisation(found%system, found%discretisation, found%options, error)
          if (allocated(error)) return
       end if
       if (found%options%accuracy%is_on) then
@@ -171,7 +171,7 @@ contains
       if (allocated(self%problem%stiffness%contacts) .and. self%problem%moves_frequency) &
          call found%system%contact_parts%cover(maxval(abs(self%problem%frequencies))* &
                                                max(self%request%from, self%request%to)/self%request%start)
-      self%level = level_t(level%set, level%n_samples)
+      self%level = without_motion(level)
       self%problem%which = [which, self%problem%own]
       self%n_further = size(self%problem%which)
       self%weights = self%problem%x_scale
@@ -223,8 +223,7 @@ contains
       call new_of_parity(odd, discretisation%harmonics, 1, error)
       if (allocated(error) .or. odd%n_harmonics == discretisation%harmonics%n_harmonics) return
       reduced = discretisation
-      call set_to_level(reduced, system, options, level_t(odd, discretisation%torus%n_samples), error)
-      if (allocated(error)) return
+      reduced%harmonics = odd
       reduced%torus = half_of_odd(system, discretisation)
       allocate (self%odd_problem)
       call new_model_problem(self%odd_problem, system, reduced, options, self%request%moving, self%request%start, error)
@@ -240,8 +239,8 @@ contains
       type(origin_t) :: moved
 
       moved = origin
-      moved%x = transferred(origin%level%set, self%level%set, origin%x, self%n_further)
-      moved%direction = transferred(origin%level%set, self%level%set, origin%direction, self%n_further)
+      moved%x = transferred(origin%level%harmonics, self%level%harmonics, origin%x, self%n_further)
+      moved%direction = transferred(origin%level%harmonics, self%level%harmonics, origin%direction, self%n_further)
    end function balance_branch_on_level
 
    !> The equations with their conditions at a point, and a last functional.
@@ -680,7 +679,6 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       logical, intent(in), optional :: compares_in_time               !! with a short time integration
-      type(basis_t), target :: basis
       type(options_t) :: options
       type(solution_t) :: solution
       real(wp), target :: u(self%problem%harmonics%n_coefficients, self%problem%n_dofs)
@@ -703,8 +701,7 @@ contains
          options = model%options
          if (present(compares_in_time)) options%compares_in_time = compares_in_time
          if (allocated(plane%functional)) call curve%problem%hold(plane)
-         basis = whole_basis(model%discretisation%harmonics, model%discretisation%torus)
-         solution%basis => basis
+         solution%basis => self%problem%model%discretisation
          solution%balance => self%problem%balance_t
          solution%u => u
          solution%problem => curve%problem
@@ -722,8 +719,8 @@ contains
       end associate
       if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
          result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%options%accuracy%tolerance)
-      result%harmonics = self%level%set
-      result%n_samples = self%level%n_samples
+      result%harmonics = self%level%harmonics
+      result%n_samples = self%level%torus%n_samples
       result%n_levels = self%n_levels
    end subroutine balance_branch_describe
 

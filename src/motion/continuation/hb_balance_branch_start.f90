@@ -2,7 +2,7 @@
 submodule (hb_balance_branch) hb_balance_branch_start
    use hb_curve_origin, only: find_leaving_motion
    use hb_curve_sets, only: transfer_motion
-   use hb_level, only: join, level_of
+   use hb_level, only: join, level_of, without_motion
    use hb_outcome, only: is_integrated
    use hb_point, only: solve_point
    use hb_thresholds, only: max_reliable_error
@@ -43,7 +43,7 @@ contains
       call self%prepare(model%system, model%discretisation, model%options, level, error)
       if (allocated(error)) return
       first%x = [level%unknowns(:self%problem%n_unknowns), self%further]
-      first%level = level_t(level%set, level%n_samples)
+      first%level = without_motion(level)
    end procedure balance_branch_find_first
 
    !> Rejects a motion with unknown tones whose tones are not certain.

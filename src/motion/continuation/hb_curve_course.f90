@@ -7,7 +7,7 @@ module hb_curve_course
    use hb_curve_points, only: reported_extreme_t
    use hb_error_estimate, only: near_commensurate
    use hb_kinds, only: wp
-   use hb_level, only: estimate_of, estimate_of_motion, level_t
+   use hb_level, only: estimate_of, estimate_of_motion, level_t, without_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: accuracy_t
    use hb_outcome, only: outcome
@@ -107,7 +107,7 @@ contains
       type(passed_fold_t) :: fold                                     ! gfortran 12 leaks components of a constructor in a list
 
       fold%x = x
-      fold%level = level_t(level%set, level%n_samples)
+      fold%level = without_motion(level)
       fold%length = length
       self%folds = [self%folds, fold]
    end subroutine curve_course_add_fold

@@ -1,10 +1,9 @@
 !> The request for a curve of motions: the value that moves, its range, what is located, and the point of another curve at which
 !> it may begin.
 module hb_curve_request
-   use hb_basis, only: transfer_coefficients
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
-   use hb_harmonics, only: harmonics_t, new_harmonics
+   use hb_harmonics, only: harmonics_t, new_harmonics, transfer_coefficients
    use hb_kinds, only: two_pi, wp
    use hb_level, only: degree_of, join, level_of, level_t, needed_samples
    use hb_located_response, only: located_response_t
@@ -86,8 +85,8 @@ contains
       if (allocated(error)) return
       call new_harmonics(same, tuples_here(other%tuples, is_torus), error)
       if (allocated(error)) return
-      allocate (self%u(self%level%set%n_coefficients, n_coordinates))
-      call transfer_coefficients(same, self%level%set, &
+      allocate (self%u(self%level%harmonics%n_coefficients, n_coordinates))
+      call transfer_coefficients(same, self%level%harmonics, &
                                  reshape(position%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
       associate (found => position%unknowns(n - n_further + 1:n - 1), value => position%unknowns(n), angle => position%angle)
          if (is_torus) then
@@ -125,6 +124,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(in), optional :: n_samples(:)
       type(harmonics_t) :: wide
+      integer, allocatable :: finer(:)
       logical :: is_new
 
       level = level_of(discretisation)
@@ -135,19 +135,19 @@ contains
             call new_doubled_set(wide, other, error)
          end if
          if (allocated(error)) return
-         level%unknowns = [spread(0.0_wp, 1, level%set%n_coefficients), 0.0_wp*system%tones%omega]
+         level%unknowns = [spread(0.0_wp, 1, level%harmonics%n_coefficients), 0.0_wp*system%tones%omega]
          call join(level, wide, is_new)
          deallocate (level%unknowns)
-         if (level%set%n_harmonics > options%accuracy%max_harmonics) then
+         if (level%harmonics%n_harmonics > options%accuracy%max_harmonics) then
             call fail(error, "the other motions begin with more tuples than accuracy%max_harmonics allows")
             return
          end if
       end if
       if (.not. (options%accuracy%is_on .and. options%accuracy%refines_grid)) return
-      level%n_samples = max(level%n_samples, needed_samples(level%set%highest, degree_of(system)))
+      call level%torus%resample(max(level%torus%n_samples, needed_samples(level%harmonics%highest, degree_of(system))))
       if (.not. present(n_samples)) return
-      associate (old => level%n_samples(:other%n_tones))
-         old = max(old, merge(1, 2, is_torus)*n_samples)
-      end associate
+      finer = level%torus%n_samples
+      finer(:other%n_tones) = max(finer(:other%n_tones), merge(1, 2, is_torus)*n_samples)
+      call level%torus%resample(finer)
    end subroutine choose_level
 end module hb_curve_request

@@ -54,7 +54,7 @@ contains
          if (accuracy%is_on) near = max(near, accuracy%tolerance)
          is_at_fold = length - passed%length > certainty_factor*near
          if (.not. is_at_fold) return
-         there = transferred(passed%level%set, followed%level%set, passed%x, followed%n_further)
+         there = transferred(passed%level%harmonics, followed%level%harmonics, passed%x, followed%n_further)
          call followed%bring_near(x, there)
          is_at_fold = norm2((there - x)/followed%units_at(x)) <= near
       end associate
@@ -73,7 +73,7 @@ contains
       do i = 1, size(stored)
          if (stored(i)%length*stored(size(stored))%length < 0.0_wp) cycle
          level = level_of(discretisation, stored(i))
-         x = transferred(level%set, followed%level%set, stored(i)%unknowns, followed%n_further)
+         x = transferred(level%harmonics, followed%level%harmonics, stored(i)%unknowns, followed%n_further)
          call note_course(followed, course, stored(i)%kind, x, abs(stored(i)%length))
       end do
    end subroutine restore_course

@@ -249,8 +249,8 @@ contains
          is_solved = self%n_levels == 0
          if (.not. is_solved) then
             before = followed%level
-            x = transferred(before%set, self%next%set, self%x, followed%n_further)
-            direction = transferred(before%set, self%next%set, self%direction, followed%n_further)
+            x = transferred(before%harmonics, self%next%harmonics, self%x, followed%n_further)
+            direction = transferred(before%harmonics, self%next%harmonics, self%direction, followed%n_further)
             call followed%adopt_level(self%next, self%error)
             if (allocated(self%error)) return
             call followed%correct_on_plane(x, direction, is_solved)
@@ -331,15 +331,15 @@ contains
       type(error_t), allocatable :: error
 
       is_new = .false.
-      if (level%set%n_tones > 1 .or. is_without_gaps(level)) return
-      call new_box(box, level%set%highest, .false., error)
+      if (level%harmonics%n_tones > 1 .or. is_without_gaps(level)) return
+      call new_box(box, level%harmonics%highest, .false., error)
       if (.not. allocated(error)) call join(level, box, is_new)
    end subroutine fill
 
    pure logical function is_without_gaps(level)
       type(level_t), intent(in) :: level
 
-      is_without_gaps = level%set%n_tones == 1 .and. level%set%n_harmonics == level%set%highest(1) + 1
+      is_without_gaps = level%harmonics%n_tones == 1 .and. level%harmonics%n_harmonics == level%harmonics%highest(1) + 1
    end function is_without_gaps
 
    !> The present set and grid with a motion.
@@ -364,7 +364,8 @@ contains
          smaller = level_at(followed, curve%x)
          call choose_smaller(followed%model%system, followed%model%options, self%required, smaller, is_smaller)
          if (is_without_gaps(followed%level)) call fill(smaller, is_filled)  ! so the set remains without gaps after a branch point
-         if (.not. is_smaller .or. 2*smaller%set%n_harmonics > followed%level%set%n_harmonics) return  ! too small a saving
+         ! unless the saving is too small
+         if (.not. is_smaller .or. 2*smaller%harmonics%n_harmonics > followed%level%harmonics%n_harmonics) return
          here = state_of(followed, curve, self%at_point)
          call change_set(self, smaller, is_found)
          if (is_found .and. .not. allocated(self%error)) then         ! otherwise an event would be reported twice, or never
@@ -433,8 +434,8 @@ contains
          step = curve%step
          report = curve%report
          orientation = curve%orientation
-         x = transferred(followed%level%set, level%set, curve%x, followed%n_further)
-         direction = transferred(followed%level%set, level%set, curve%direction, followed%n_further)
+         x = transferred(followed%level%harmonics, level%harmonics, curve%x, followed%n_further)
+         direction = transferred(followed%level%harmonics, level%harmonics, curve%direction, followed%n_further)
          is_found = .false.
          call followed%adopt_level(level, self%error)
          if (allocated(self%error)) return

@@ -14,7 +14,7 @@ module hb_followed
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_level, only: level_t
+   use hb_level, only: level_t, without_motion
    use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
    use hb_motion_result, only: curve_position_t, motion_result_t
@@ -306,7 +306,7 @@ contains
       self%model%system = system
       self%model%discretisation = discretisation
       self%model%options = options
-      call self%adopt_level(level_t(level%set, level%n_samples), error)
+      call self%adopt_level(without_motion(level), error)
    end subroutine followed_prepare
 
    !> The numbers that store unknowns or a direction: themselves.

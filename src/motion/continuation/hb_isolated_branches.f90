@@ -77,12 +77,11 @@ contains
 
       is_found = .false.
       if (self%model%options%accuracy%is_on) then
-         level%set = self%level%set
-         level%n_samples = self%level%n_samples
+         level%discretisation_t = self%level%discretisation_t
          level%unknowns = [start(:size(start) - self%n_further), 0.0_wp*self%model%system%tones%omega]
          do i = 1, size(known)
-            call join(level, known(i)%level%set, is_new)
-            level%n_samples = max(level%n_samples, known(i)%level%n_samples)
+            call join(level, known(i)%level%harmonics, is_new)
+            call level%torus%resample(max(level%torus%n_samples, known(i)%level%torus%n_samples))
          end do
          call self%adopt_level(level, error)
          if (allocated(error)) return
@@ -148,7 +147,7 @@ contains
                phases = [(modulo(copy/model%system%tones%subharmonic**(m - 1), model%system%tones%subharmonic), m=1, &
                           model%system%tones%n_tones)]
                phases = two_pi/model%system%tones%subharmonic*phases
-               x = transferred(known(i)%level%set, model%discretisation%harmonics, known(i)%x, 1)
+               x = transferred(known(i)%level%harmonics, model%discretisation%harmonics, known(i)%x, 1)
                if (copy > 0) x(:n) = shifted(x(:n), model%discretisation%harmonics, phases)
                motions = reshape([motions, x], [n + 1, size(motions, 2) + 1])
             end do

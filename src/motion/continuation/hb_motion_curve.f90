@@ -536,8 +536,8 @@ contains
          position%branch = branches%number
          position%unknowns = followed%pack(point%x)
          if (followed%model%options%accuracy%is_on) then
-            position%tuples = followed%level%set%tuples
-            position%n_samples = followed%level%n_samples
+            position%tuples = followed%level%harmonics%tuples
+            position%n_samples = followed%level%torus%n_samples
          end if
          if (point%is_crossing) call branches%trace(position%unknowns, position%branch, followed%request%moving%typical)
          kind = curve_kinds(point%kind)

@@ -46,21 +46,22 @@ contains
       integer, allocatable :: n_samples(:)
       type(error_t), allocatable :: error
 
-      if (product(real(level%n_samples, wp)) < min_grid) return
+      if (product(real(level%torus%n_samples, wp)) < min_grid) return
       if (.not. may_change_base(system, options)) return
-      call reduced_base(level%set%tuples, self%matrix, self%inverse)
+      call reduced_base(level%harmonics%tuples, self%matrix, self%inverse)
       call make_positive(self, system%tones%omega, omega)
       if (minval(omega) < min_base_frequency_ratio*maxval(omega)) return
       allocate (n_samples, source=samples_in(self, system, level))
       if (has_memory(system%laws)) n_samples = samples_along_time(n_samples, omega)
-      if (product(real(n_samples, wp)) > max_grid_ratio*product(real(level%n_samples, wp))) return
-      call move_set(self%matrix, level%set, self%level%set, error)
+      if (product(real(n_samples, wp)) > max_grid_ratio*product(real(level%torus%n_samples, wp))) return
+      self%level%discretisation_t = level%discretisation_t
+      call move_set(self%matrix, level%harmonics, self%level%harmonics, error)
       if (allocated(error)) return
       self%is_on = .true.
-      self%level%n_samples = n_samples
+      call self%level%torus%resample(n_samples)
       self%system = system
       self%system%tones%omega = omega
-      if (allocated(guess)) call turn(guess, level%set, is_turned(self%matrix, level%set), omega)
+      if (allocated(guess)) call turn(guess, level%harmonics, is_turned(self%matrix, level%harmonics), omega)
    end subroutine base_change_choose
 
    !> Brings a result back to the given base.
@@ -139,11 +140,11 @@ contains
       type(system_t), intent(in) :: system
       type(level_t), intent(in) :: level
       integer, allocatable :: n_samples(:)
-      integer :: highest(level%set%n_tones)
+      integer :: highest(level%harmonics%n_tones)
       real(wp) :: density
 
-      highest = maxval(abs(matmul(self%matrix, level%set%tuples)), dim=2)
-      density = product(level%n_samples/(2.0_wp*level%set%highest + 1.0_wp))**(1.0_wp/size(highest))
+      highest = maxval(abs(matmul(self%matrix, level%harmonics%tuples)), dim=2)
+      density = product(level%torus%n_samples/(2.0_wp*level%harmonics%highest + 1.0_wp))**(1.0_wp/size(highest))
       n_samples = needed_samples(highest, degree_of(system))
       if (degree_of(system) == 0) n_samples = max(n_samples, fast_size(ceiling(density*(2*highest + 1))))
    end function samples_in

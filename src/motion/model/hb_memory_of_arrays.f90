@@ -1,7 +1,6 @@
 !> The arrays that a point allocates, counted by what the procedures of the solver take.
 submodule (hb_memory_estimate) hb_memory_of_arrays
    use hb_balance, only: largest_dense_tangent
-   use hb_basis, only: basis_t, whole_basis
    use hb_block_factors, only: least_rough
    use hb_coarse_tangent, only: max_memory
    use hb_condensation, only: condensed_half_bandwidth
@@ -204,7 +203,7 @@ contains
    end function sample_bytes
 
    module procedure sizes_of
-      type(basis_t) :: basis
+      type(discretisation_t) :: basis
       type(torus_t) :: torus
       type(error_t), allocatable :: error
       type(coordinates_t) :: coordinates
@@ -217,7 +216,8 @@ contains
       end do
       torus = discretisation%torus
       if (.not. allocated(torus%n_samples)) torus%n_samples = default_samples(discretisation%harmonics, 1)
-      basis = whole_basis(discretisation%harmonics, torus)
+      basis = discretisation
+      basis%torus = torus
       if (allocated(discretisation%torus%n_samples) .and. n == size(system%laws) .and. .not. options%chain%is_on) then
          call find_basis(basis, is_odd, system, discretisation, options, error)
          associate (last => basis%torus%n_samples(size(torus%n_samples)))

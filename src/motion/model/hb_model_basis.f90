@@ -1,13 +1,12 @@
-!> The basis in which a model is solved: all tuples of its set or, if its equations are odd, the odd ones on half of the grid.
+!> The basis in which a model is solved: its discretisation or, if its equations are odd, the odd tuples on half of the grid.
 !> Laws with f(-q, -v) = -f(q, v) and loads of odd tuples only permit motions u(tau + pi) = -u(tau), all phases
 !> shifted, whose tuples have odd sums: both sides of the balance of the even ones vanish. This does not exclude other
 !> motions: without the symmetry they are included in the search. Source: docs/why/theory.md, section 2.
 module hb_model_basis
    use hb_amplitudes, only: amplitudes_t
-   use hb_basis, only: basis_t, new_basis, whole_basis
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, tuple_text
+   use hb_harmonics, only: harmonics_t, new_of_parity, tuple_text
    use hb_kinds, only: wp
    use hb_law, only: has_memory, law_box_t
    use hb_options, only: options_t
@@ -25,7 +24,7 @@ contains
    !> Finds the basis of a model, with a first guess that replaces its own. The odd basis is used if nothing prevents
    !> it, or if the user requests odd motions.
    subroutine find_basis(self, is_odd, system, discretisation, options, error, guess)
-      type(basis_t), intent(out) :: self
+      type(discretisation_t), intent(out) :: self
       logical, intent(out) :: is_odd
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
@@ -39,12 +38,10 @@ contains
             is_odd = even_part(discretisation%harmonics, reshape(guess(:n_all), [n, n_all/n])) <= max_even_share
          end associate
       end if
-      if (is_odd) then
-         call new_basis(self, discretisation%harmonics, modulo(sum(discretisation%harmonics%tuples, dim=1), 2) == 1, &
-                        half_of_odd(system, discretisation), error)
-      else
-         self = whole_basis(discretisation%harmonics, discretisation%torus)
-      end if
+      self = discretisation
+      if (.not. is_odd) return
+      call new_of_parity(self%harmonics, discretisation%harmonics, 1, error)
+      self%torus = half_of_odd(system, discretisation)
    end subroutine find_basis
 
    !> Whether the motion is searched for among odd ones, unless a first guess from elsewhere is not odd. Loads and

@@ -6,7 +6,6 @@ module hb_autonomous
    use hb_amplitudes, only: amplitudes_t
    use hb_balance, only: balance_t, new_balance
    use hb_base_motion, only: base_motion_t, find_base_motion
-   use hb_basis, only: basis_t, whole_basis
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -57,12 +56,11 @@ contains
 
    !> Finds the motion without the unknown tones, its modes, and the frequencies of the start. Modes are not required where a
    !> motion with its frequencies is known.
-   subroutine find_start(self, system, discretisation, options, basis, coordinates, is_known, error)
+   subroutine find_start(self, system, options, basis, coordinates, is_known, error)
       type(autonomous_start_t), intent(out) :: self
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       logical, intent(in) :: is_known                                 !! a motion, such as that of a smaller set
       type(error_t), allocatable, intent(out) :: error
@@ -128,7 +126,7 @@ contains
    subroutine new_base_balance(balance, system, basis, coordinates, omega, error)
       type(balance_t), intent(inout) :: balance
       type(system_t), intent(in) :: system
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates                  !! of its laws
       real(wp), intent(in) :: omega(:)                                !! [rad/s], (n_tones), > 0, arbitrary for unknown tones
       type(error_t), allocatable, intent(out) :: error
@@ -168,8 +166,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(autonomous_start_t) :: start
 
-      call find_start(start, system, discretisation, options, whole_basis(discretisation%harmonics, discretisation%torus), &
-                      coordinates_of(system), .false., error)
+      call find_start(start, system, options, discretisation, coordinates_of(system), .false., error)
       if (.not. allocated(start%base%u)) return
       if (allocated(error)) deallocate (error)                        ! modes are not required
       call new_energy(energy, system%structure, constant_load(system, discretisation), balance, start%base%u)

@@ -2,7 +2,6 @@
 module hb_integrated_result
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
    use hb_amplitudes, only: amplitudes_t
-   use hb_basis, only: whole_basis
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error_estimate, only: near_commensurate
@@ -58,7 +57,7 @@ contains
       result%frequency = system%tones%omega
       result%n_harmonics = discretisation%harmonics%n_harmonics
       result%is_odd = .false.
-      call store_motion(options, whole_basis(discretisation%harmonics, discretisation%torus), c, result)
+      call store_motion(options, discretisation%harmonics, discretisation%harmonics, c, result)
       result%force_coefficients = as_pairs(forces(coordinates%dofs, :))
       result%corrected_coefficients = as_pairs(c(coordinates%dofs, :))
       call find_stability(system, discretisation, options, steady, result%stability)

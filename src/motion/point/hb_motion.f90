@@ -1,7 +1,6 @@
 !> Computes the motion of a model on its set, with all derived results, by the attempts of `hb_attempts`.
 module hb_motion
    use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, motion_conditions_t, stage, technique
-   use hb_basis, only: basis_t, whole_basis
    use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_coordinates, only: coordinates_t
@@ -35,7 +34,7 @@ module hb_motion
       type(options_t), pointer :: options => null()
       type(motion_result_t), pointer :: result => null()
       type(cached_balances_t), pointer :: parts => null()
-      type(basis_t) :: basis                                          ! of the first balance
+      type(discretisation_t) :: basis                                          ! of the first balance
       type(motion_conditions_t) :: conditions
       real(wp), allocatable :: first_guess(:)                         ! as that of `solve_system`; not allocated: that of the model
       real(wp), allocatable :: unknowns(:)                            ! of the solution, likewise
@@ -153,7 +152,7 @@ contains
          self%result%is_odd = is_proven_odd(self%result) .or. any(self%result%status == [outcome%timed_out, outcome%interrupted])
          attempt%has_succeeded = self%result%is_odd
       case (attempt_row%whole_set)
-         call solve_on(self, whole_basis(self%discretisation%harmonics, self%discretisation%torus), attempt, within)
+         call solve_on(self, self%discretisation, attempt, within)
          attempt%has_succeeded = self%result%status == outcome%converged
       end select
    end subroutine motion_attempts_make
@@ -161,7 +160,7 @@ contains
    !> Solves the balance on a basis, from the first guess or the last solution.
    subroutine solve_on(self, basis, attempt, within)
       type(motion_attempts_t), intent(inout) :: self
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(attempt_t), intent(inout) :: attempt
       type(attempt_t), allocatable, intent(out) :: within(:)
 
@@ -319,8 +318,7 @@ contains
       nearby%solver%max_iterations = min(options%solver%max_iterations, nearby_steps)
       solution = guess
       has_converged = .false.
-      call solve_in_basis(system, discretisation, nearby, whole_basis(discretisation%harmonics, discretisation%torus), found, &
-                          error, solution)
+      call solve_in_basis(system, discretisation, nearby, discretisation, found, error, solution)
       if (allocated(error)) return
       call found%add(result%effort_t)
       has_converged = found%status == outcome%converged

@@ -3,7 +3,6 @@ module hb_motion_description
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_advice, only: advice
    use hb_balance, only: balance_t, new_balance
-   use hb_basis, only: basis_t, transfer_coefficients
    use hb_bordered, only: bordered_problem_t
    use hb_clock, only: wall_clock
    use hb_contact_parts, only: contact_parts_t                        ! gfortran 12 cannot write the module without it
@@ -12,7 +11,7 @@ module hb_motion_description
    use hb_error_estimate, only: estimate_error
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
    use hb_fftw, only: new_real_block, real_block_t
-   use hb_harmonics, only: harmonics_t
+   use hb_harmonics, only: coefficients_in, harmonics_t, transfer_coefficients
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
@@ -40,7 +39,7 @@ module hb_motion_description
 
    !> A solution of a balance. It refers to its parts.
    type :: solution_t
-      type(basis_t), pointer :: basis => null()                       !! of the balance
+      type(discretisation_t), pointer :: basis => null()              !! of the balance, a part of that of the motion
       type(balance_t), pointer :: balance => null()
       real(wp), pointer :: u(:, :) => null()                          !! [m], (n_coefficients, n_dofs)
       class(bordered_problem_t), pointer :: problem => null()         !! the balance with its other unknowns; null if only
@@ -64,15 +63,15 @@ contains
       associate (basis => solution%basis, balance => solution%balance, u => solution%u)
          allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
          call balance%all_dofs(u, c)
-         call store_motion(options, basis, c, result)
-         call store_forces(basis, balance, u, result, error)
+         call store_motion(options, discretisation%harmonics, basis%harmonics, c, result)
+         call store_forces(discretisation%harmonics, basis, balance, u, result, error)
          if (allocated(error)) return
          if (options%error_estimate%is_on .and. result%status == outcome%converged) then
             begun = wall_clock()
             call store_error_estimate(system, discretisation, options, solution, result, error)
             result%error_estimate_seconds = wall_clock() - begun
             if (allocated(error)) return
-            call store_outputs(options, basis, c, result)
+            call store_outputs(options, discretisation%harmonics, basis%harmonics, c, result)
          end if
          if (is_solved(result%status)) then
             if (result%stability%method == stability_method%off) &
@@ -276,22 +275,24 @@ contains
 
    !> Stores what follows from the motion alone, whether a balance or time integration has found it, at the output degrees of
    !> freedom.
-   subroutine store_motion(options, basis, c, result)
+   subroutine store_motion(options, whole, set, c, result)
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
-      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, n_harmonics)
+      type(harmonics_t), intent(in) :: whole, set                     !! of the result; of the unknowns, a part of it
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b, (n_dofs, set%n_harmonics)
       type(motion_result_t), intent(inout) :: result                  !! without a motion
-      integer :: i
+      integer :: i, positions(set%n_harmonics)
 
-      allocate (result%coefficients(2, basis%whole%n_harmonics, size(options%output%dofs)), source=0.0_wp)
+      allocate (result%coefficients(2, whole%n_harmonics, size(options%output%dofs)), source=0.0_wp)
+      positions = whole%positions_of(set)
       do i = 1, size(options%output%dofs)                             ! a copy of all would take as much memory again
-         result%coefficients(:, basis%positions, i:i) = as_pairs(c(options%output%dofs(i:i), :))
+         result%coefficients(:, positions, i:i) = as_pairs(c(options%output%dofs(i:i), :))
       end do
    end subroutine store_motion
 
    !> Stores the forces of the laws and the motion corrected to walls, on the grid of the solution.
-   subroutine store_forces(basis, balance, u, result, error)
-      type(basis_t), intent(in) :: basis
+   subroutine store_forces(whole, basis, balance, u, result, error)
+      type(harmonics_t), intent(in) :: whole                          !! of the result
+      type(discretisation_t), intent(in) :: basis
       type(balance_t), intent(inout) :: balance
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result
@@ -316,8 +317,8 @@ contains
       end associate
       result%n_full_stick = count([(balance%law_set%full_stick(i), i=1, size(balance%law_set%laws))])
       call balance%project(balance%law_set%samples%f%values, coefficients)
-      result%force_coefficients = &
-         as_pairs(basis%whole%amplitudes(basis%expand(balance%stiffness%coordinates%spread_forces(coefficients))))
+      result%force_coefficients = as_pairs(whole%amplitudes(coefficients_in(whole, basis%harmonics, &
+         balance%stiffness%coordinates%spread_forces(coefficients))))
       allocate (moved, source=balance%at_law_dofs(u))
       if (balance%law_set%needs_reaction) then
          call new_real_block(correction, size(balance%law_set%samples%q%values, 1), size(moved, 2), error)
@@ -330,14 +331,14 @@ contains
          end do
          call correction%destroy()
       end if
-      result%corrected_coefficients = as_pairs(basis%whole%amplitudes(basis%expand(moved)))
+      result%corrected_coefficients = as_pairs(whole%amplitudes(coefficients_in(whole, basis%harmonics, moved)))
    end subroutine store_forces
 
    !> Stores the outputs whose accuracy is requested. The estimated error of each is its change when the first-order
    !> errors of the motion are removed; zero if the motion has none, because nothing moves at the laws.
-   subroutine store_outputs(options, basis, c, result)
+   subroutine store_outputs(options, whole, set, c, result)
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(harmonics_t), intent(in) :: whole, set                     !! as those of `store_motion`
       complex(wp), intent(in) :: c(:, :)                              !! a - i b, (all dofs, n_harmonics)
       type(motion_result_t), intent(inout) :: result
       integer :: i
@@ -345,14 +346,14 @@ contains
       if (.not. allocated(options%accuracy%outputs)) return
       associate (outputs => options%accuracy%outputs, found => result%error_estimate)
          if (size(outputs) == 0) return
-         allocate (result%outputs(basis%whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
+         allocate (result%outputs(whole%n_harmonics, size(outputs)), source=(0.0_wp, 0.0_wp))
          allocate (result%output_estimate(size(outputs)), &
                    source=merge(1.0_wp, 0.0_wp, max(found%truncation, found%aliasing) > 0.0_wp))
          allocate (result%output_level_estimate(size(outputs)), source=0.0_wp)
          do i = 1, size(outputs)
-            result%outputs(basis%positions, i) = c(outputs(i)%dof, :)
+            result%outputs(whole%positions_of(set), i) = c(outputs(i)%dof, :)
             if (allocated(found%refined)) result%output_estimate(i) = min(1.0_wp, &
-               outputs(i)%distance(basis%harmonics, c(outputs(i)%dof, :), found%around, found%refined(outputs(i)%dof, :)))
+               outputs(i)%distance(set, c(outputs(i)%dof, :), found%around, found%refined(outputs(i)%dof, :)))
          end do
       end associate
    end subroutine store_outputs
@@ -382,7 +383,7 @@ contains
                              system%loads_in(solution%basis%harmonics), solution%balance, solution%u, wanted, error)
       end if
       if (allocated(error)) return
-      if (allocated(result%error_estimate%improved)) call store_improved(solution%basis, result, error)
+      if (allocated(result%error_estimate%improved)) call store_improved(discretisation%harmonics, result, error)
       if (allocated(error)) return
       associate (found => result%error_estimate, limit => options%error_estimate)
          result%penetration_share = found%defects%penetration/(limit%penetration*max(maxval(abs(solution%u)), tiny(1.0_wp)))
@@ -405,14 +406,14 @@ contains
    end subroutine store_error_estimate
 
    !> The improved motion with all tuples of the wider set.
-   subroutine store_improved(basis, result, error)
-      type(basis_t), intent(in) :: basis
+   subroutine store_improved(set, result, error)
+      type(harmonics_t), intent(in) :: set                            !! of the motion
       type(motion_result_t), intent(inout) :: result
       type(error_t), allocatable, intent(out) :: error
       type(harmonics_t) :: wider
       real(wp), allocatable :: improved(:, :)
 
-      call choose_wider_set(basis%whole, wider, error)
+      call choose_wider_set(set, wider, error)
       if (allocated(error)) return
       associate (found => result%error_estimate)
          allocate (improved(wider%n_coefficients, size(found%improved, 2)))
@@ -435,7 +436,7 @@ contains
    subroutine store_surfaces(system, options, basis, balance, u, result, error)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(balance_t), intent(in) :: balance
       real(wp), intent(in) :: u(:, :)
       type(motion_result_t), intent(inout) :: result

@@ -5,7 +5,6 @@ module hb_motion_in_basis
    use hb_amplitudes, only: amplitudes_t
    use hb_autonomous, only: autonomous_start_t, find_motion, find_start
    use hb_balance, only: balance_t, new_balance
-   use hb_basis, only: basis_t
    use hb_cached_parts, only: cached_balances_t
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_clock, only: wall_clock
@@ -15,6 +14,7 @@ module hb_motion_in_basis
    use hb_error, only: annotate, error_t, fail
    use hb_error_estimate, only: estimate_linear_error
    use hb_estimated_errors, only: error_estimate_t
+   use hb_harmonics, only: coefficients_in, harmonics_t
    use hb_kinds, only: wp
    use hb_law_coordinates, only: laws_at
    use hb_limit_cycle_search, only: search_t
@@ -41,7 +41,7 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in), target :: basis
+      type(discretisation_t), intent(in), target :: basis
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       real(wp), allocatable, intent(inout) :: unknowns(:)             !! on entry a first guess in the whole set, as that of
@@ -64,7 +64,7 @@ contains
       call find_first_guess(system, discretisation, options, basis, coordinates, guess, start, error)
       if (allocated(error)) return
       result%frequency = start%omega
-      result%n_harmonics = basis%whole%n_harmonics
+      result%n_harmonics = discretisation%harmonics%n_harmonics
       keeps = .false.
       if (present(cached)) keeps = associated(cached) .and. coordinates%n > 0
       call find_linear_part()
@@ -120,7 +120,7 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), allocatable, intent(inout) :: guess(:)                !! on entry in the whole set, on return in the basis; not
                                                                       !! allocated: there is none
@@ -131,10 +131,10 @@ contains
       call move_alloc(guess, given)
       start%omega = system%tones%omega
       if (any(system%tones%is_unknown)) &
-         call find_start(start, system, discretisation, options, basis, coordinates, allocated(given), error)
+         call find_start(start, system, options, basis, coordinates, allocated(given), error)
       if (allocated(error)) return
       if (allocated(given)) then
-         call restrict_guess(basis, coordinates%n, given, guess)
+         call restrict_guess(discretisation%harmonics, basis%harmonics, coordinates%n, given, guess)
       else if (options%start%from_integration .and. coordinates%n > 0) then
          call integrate_guess(system, discretisation, options, basis, start%omega, coordinates, guess, error)
       end if
@@ -148,7 +148,7 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s], (n_tones)
       type(coordinates_t), intent(in) :: coordinates
       real(wp), allocatable, intent(out) :: first_guess(:)            !! in the basis
@@ -164,23 +164,23 @@ contains
       if (allocated(error) .and. work_is_over()) deallocate (error)   ! the following steps are short
       call annotate(error, "first guess from time integration")
       if (allocated(error) .or. .not. allocated(integrated)) return
-      associate (n => basis%whole%n_coefficients, n_dofs => size(coordinates%dofs))
+      associate (n => discretisation%harmonics%n_coefficients, n_dofs => size(coordinates%dofs))
          integrated = [coordinates%values_of(reshape(integrated(:n*n_dofs), [n, n_dofs])), integrated(n*n_dofs + 1:)]
       end associate
-      call restrict_guess(basis, coordinates%n, integrated, first_guess)
+      call restrict_guess(discretisation%harmonics, basis%harmonics, coordinates%n, integrated, first_guess)
    end subroutine integrate_guess
 
    !> Restricts a first guess of all coefficients at the coordinates to the unknowns; there is none if its size
    !> differs, as for a neighbour whose laws have other coordinates.
-   pure subroutine restrict_guess(basis, n_coordinates, guess, first_guess)
-      type(basis_t), intent(in) :: basis
+   pure subroutine restrict_guess(whole, set, n_coordinates, guess, first_guess)
+      type(harmonics_t), intent(in) :: whole, set                     !! of the guess, of the unknowns
       integer, intent(in) :: n_coordinates
       real(wp), intent(in) :: guess(:)                                !! coefficients, then all base frequencies
       real(wp), allocatable, intent(inout) :: first_guess(:)
 
-      associate (n => basis%whole%n_coefficients, n_all => basis%whole%n_coefficients*n_coordinates)
-         if (size(guess) /= n_all + basis%whole%n_tones) return
-         first_guess = [basis%restrict(reshape(guess(:n_all), [n, n_coordinates])), guess(n_all + 1:)]
+      associate (n => whole%n_coefficients, n_all => whole%n_coefficients*n_coordinates)
+         if (size(guess) /= n_all + whole%n_tones) return
+         first_guess = [coefficients_in(set, whole, reshape(guess(:n_all), [n, n_coordinates])), guess(n_all + 1:)]
       end associate
    end subroutine restrict_guess
 
@@ -189,7 +189,7 @@ contains
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(dynamic_stiffness_t), intent(in) :: stiffness
       type(motion_result_t), intent(inout) :: result
       complex(wp) :: at_laws(0, basis%harmonics%n_harmonics)
@@ -197,9 +197,9 @@ contains
 
       allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
       call stiffness%recover(at_laws, c)
-      call store_motion(options, basis, c, result)
-      allocate (result%force_coefficients(2, basis%whole%n_harmonics, 0))
-      allocate (result%corrected_coefficients(2, basis%whole%n_harmonics, 0))
+      call store_motion(options, discretisation%harmonics, basis%harmonics, c, result)
+      allocate (result%force_coefficients(2, discretisation%harmonics%n_harmonics, 0))
+      allocate (result%corrected_coefficients(2, discretisation%harmonics%n_harmonics, 0))
       result%status = outcome%converged
       if (.not. all(ieee_is_finite(result%coefficients))) result%status = outcome%not_finite
       if (options%error_estimate%is_on .and. result%status == outcome%converged) &
@@ -264,7 +264,8 @@ contains
          if (work_is_over()) report%status = status_of_ended()
          result%setup_seconds = result%setup_seconds + begun - started
          result%solver_seconds = wall_clock() - begun
-         if (report%status == outcome%converged) unknowns = [basis%expand(u), balance%omega]
+         if (report%status == outcome%converged) &
+            unknowns = [coefficients_in(discretisation%harmonics, basis%harmonics, u), balance%omega]
          call store_report(system, options, balance, u, report, result, error)
          if (search%advice > 0) call result%advice%add(search%advice)
          if (allocated(error) .or. (report%status == outcome%failed .and. allocated(report%error))) return
@@ -453,7 +454,7 @@ contains
    !> Adds the user's first guess at the coordinates of the laws; the other motion follows from these.
    subroutine add_start(options, basis, coordinates, u)
       type(options_t), intent(in) :: options
-      type(basis_t), intent(in) :: basis
+      type(discretisation_t), intent(in) :: basis
       type(coordinates_t), intent(in) :: coordinates
       real(wp), intent(inout) :: u(:, :)
       type(amplitudes_t) :: start

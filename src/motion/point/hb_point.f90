@@ -97,7 +97,7 @@ contains
          call solve_to_tolerance(model, result, error, level, below)
       else
          call solve_motion(model, result, error, guess, unknowns, cached)
-         level = level_t(model%discretisation%harmonics, model%discretisation%torus%n_samples)
+         level%discretisation_t = model%discretisation
          if (allocated(unknowns)) call move_alloc(unknowns, level%unknowns)
       end if
    end subroutine solve_once

@@ -93,7 +93,7 @@ contains
             if (has_jumping_slopes(problem%model%system)) call average_position(located, result%gradient)
          else if (curve_kinds(point%kind)%by == located_by%nothing) then  ! at the others there may be none
             unknowns = [point%x(:problem%n_unknowns), problem%omega]
-            call find_gradient(problem%model%system, problem%model%discretisation, problem%model%options, branch%level, unknowns, &
+            call find_gradient(problem%model%system, problem%model%options, branch%level, unknowns, &
                                result)
          end if
       end associate
@@ -120,8 +120,8 @@ contains
       gradient%position = ieee_value(1.0_wp, ieee_quiet_nan)
       gradient%frequency = ieee_value(1.0_wp, ieee_quiet_nan)
       level = located%branch%level
-      if (size(level%n_samples) > 1 .or. min_samples*real(located%branch%problem%n_dofs, wp) > max_values) return
-      level%n_samples = max(level%n_samples, min_samples)
+      if (size(level%torus%n_samples) > 1 .or. min_samples*real(located%branch%problem%n_dofs, wp) > max_values) return
+      call level%torus%resample(max(level%torus%n_samples, min_samples))
       located%step = step_across_samples
       located%n_newton_steps = n_steps_across_samples
       call located%differentiate(level, average, error)
@@ -143,7 +143,7 @@ contains
       logical :: is_found
 
       associate (model => self%branch%problem%model)
-         gradient = zero_gradient(model%system, model%options, level%set)
+         gradient = zero_gradient(model%system, model%options, level%harmonics)
          call extend(self, level, here, is_found)
          if (is_found) call solve(here, self%step, sides(0), is_found)
          do k = 1, size(model%options%gradient%by)
@@ -179,7 +179,7 @@ contains
 
       allocate (there)
       allocate (there%branch)
-      associate (branch => there%branch, from => self%branch%level%set)
+      associate (branch => there%branch, from => self%branch%level%harmonics)
          branch%request = self%branch%request
          branch%model = self%branch%model
          branch%further = self%branch%further
@@ -191,8 +191,8 @@ contains
          if (.not. allocated(error)) call branch%adopt_level(level, error)
          is_possible = .not. allocated(error)
          if (.not. is_possible) return
-         call branch%begin_curve(there%curve, transferred(from, level%set, self%point%x, branch%n_further), &
-                                 transferred(from, level%set, self%direction, branch%n_further))
+         call branch%begin_curve(there%curve, transferred(from, level%harmonics, self%point%x, branch%n_further), &
+                                 transferred(from, level%harmonics, self%direction, branch%n_further))
          call make_event(branch, self%point, there%event)
       end associate
    end subroutine extend

@@ -17,7 +17,7 @@ module hb_gradient
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: has_memory
-   use hb_level, only: degree_of, level_t, needed_samples, set_to_level, transferred
+   use hb_level, only: check_discretisation, degree_of, level_t, needed_samples, transferred, without_motion
    use hb_limit_cycle_search, only: fundamental
    use hb_model, only: model_t
    use hb_model_number, only: model_number_t, moving_value_t
@@ -88,9 +88,8 @@ contains
 
    !> Adds the derivatives to a result, if any are requested and the motion is one of the balance; there are none if
    !> its tangent is singular.
-   subroutine find_gradient(system, discretisation, options, level, unknowns, result)
+   subroutine find_gradient(system, options, level, unknowns, result)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(level_t), intent(in) :: level                              !! set and grid of the motion
       real(wp), allocatable, intent(in) :: unknowns(:)                !! ordered as those of hb_level%level_t
@@ -104,12 +103,12 @@ contains
       if (size(options%gradient%by) == 0 .or. .not. is_solved(result%status) .or. .not. allocated(result%coefficients)) return
       if (is_integrated(result%status)) return ! not a motion of a balance
       if (coordinates%n > 0 .and. .not. allocated(unknowns)) return
-      own = level_t(level%set, level%n_samples)
+      own = without_motion(level)
       known%model%system = system
       nullify (known%model%system%contact_parts)                      ! derivatives need contacts condensed
-      known%model%discretisation = discretisation
+      known%model%discretisation = level%discretisation_t
       known%model%options = options
-      call set_to_level(known%model%discretisation, system, options, own, error)
+      call check_discretisation(system, level%discretisation_t, options, error)
       if (.not. allocated(error)) then
          if (coordinates%n == 0) then
             call differentiate_without_laws(known, result%gradient, error)
@@ -258,7 +257,7 @@ contains
          if (.not. has_room) return
          call motion%differentiate(next, finer, error)
          if (allocated(error) .or. .not. allocated(finer%coefficients)) return
-         finer%coefficients = in_set(finer%coefficients, next%set, own%set)
+         finer%coefficients = in_set(finer%coefficients, next%harmonics, own%harmonics)
          finer%estimate = changes_of(finer, gradient)
          gradient%estimate = finer%estimate
          if (refines_set .or. refines_grid) gradient = finer
@@ -273,13 +272,13 @@ contains
 
          before = next
          has_room = .false.
-         if (refines_set) call new_doubled_set(next%set, before%set, error)
+         if (refines_set) call new_doubled_set(next%harmonics, before%harmonics, error)
          if (allocated(error)) return
-         if (is_exact .and. refines_grid) next%n_samples = needed_samples(next%set%highest, degree_of(system))
-         if (.not. is_exact) next%n_samples = 2*next%n_samples
-         has_room = .not. (product(real(next%n_samples, wp)) >= small_share*options%accuracy%max_samples .or. &
-                           any(next%n_samples <= 2*next%set%highest) .or. &
-                           next%set%n_harmonics > options%accuracy%max_harmonics)
+         if (is_exact .and. refines_grid) call next%torus%resample(needed_samples(next%harmonics%highest, degree_of(system)))
+         if (.not. is_exact) call next%torus%resample(2*next%torus%n_samples)
+         has_room = .not. (product(real(next%torus%n_samples, wp)) >= small_share*options%accuracy%max_samples .or. &
+                           any(next%torus%n_samples <= 2*next%harmonics%highest) .or. &
+                           next%harmonics%n_harmonics > options%accuracy%max_harmonics)
       end subroutine refine_level
    end subroutine differentiate_to_tolerance
 
@@ -333,19 +332,20 @@ contains
       integer :: k
 
       before = self%model%discretisation%harmonics
-      call set_to_level(self%model%discretisation, self%model%system, self%model%options, level, error)
+      self%model%discretisation = level%discretisation_t
+      call check_discretisation(self%model%system, self%model%discretisation, self%model%options, error)
       if (allocated(error)) return
-      self%x = transferred(before, level%set, self%x, size(self%which))
+      self%x = transferred(before, level%harmonics, self%x, size(self%which))
       self%n = size(self%x) - size(self%which)
       if (allocated(self%slopes)) then
          call move_alloc(self%slopes, slopes)
          allocate (self%slopes(size(self%x), size(slopes, 2)))
          do k = 1, size(slopes, 2)
-            self%slopes(:, k) = transferred(before, level%set, slopes(:, k), size(self%which))
+            self%slopes(:, k) = transferred(before, level%harmonics, slopes(:, k), size(self%which))
          end do
       end if
       deallocate (self%residual)
-      call differentiate(self, gradient, error, corrects=level%set%n_harmonics > before%n_harmonics)
+      call differentiate(self, gradient, error, corrects=level%harmonics%n_harmonics > before%n_harmonics)
    end subroutine known_differentiate
 
    !> Differentiates with respect to each of the values; the derivatives are NaN if the tangent is singular.
