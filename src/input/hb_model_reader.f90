@@ -1,6 +1,7 @@
 !> Reads models from documents: the order in which the groups are read, each by a procedure of its own. Numbers of the document
 !> that change are set in the model (hb_model_numbers).
 module hb_model_reader
+   use hb_contact_parts, only: contact_parts_t                        ! gfortran 12 cannot write the module without it
    use hb_document, only: document_t, parameter_t
    use hb_element_reader, only: read_elements
    use hb_error, only: annotate, error_t
