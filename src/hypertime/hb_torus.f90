@@ -39,6 +39,7 @@ contains
 
       call self%resample(n_samples)
       call self%check(harmonics, error)
+      if (allocated(error)) self = torus_t()
    end subroutine new_torus
 
    !> Changes the numbers of samples of a whole grid.

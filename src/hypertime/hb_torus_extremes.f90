@@ -21,17 +21,17 @@ module hb_torus_extremes
    !> Functions of the phases.
    type, abstract :: phase_functions_t
    contains
-      procedure(evaluate), deferred :: evaluate
+      procedure(values_at_phases), deferred :: evaluate
    end type phase_functions_t
 
    abstract interface
       !> Values at given phases, (n_functions, n_phases).
-      subroutine evaluate(self, phases, values)
+      subroutine values_at_phases(self, phases, values)
          import :: phase_functions_t, wp
          class(phase_functions_t), intent(inout) :: self
          real(wp), intent(in) :: phases(:, :)                         !! [rad], (n_tones, n_phases)
          real(wp), allocatable, intent(out) :: values(:, :)
-      end subroutine evaluate
+      end subroutine values_at_phases
    end interface
 
    !> Phases at which extremes are sought first.

@@ -160,7 +160,7 @@ contains
    !> Solves the balance on a basis, from the first guess or the last solution.
    subroutine solve_on(self, basis, attempt, within)
       type(motion_attempts_t), intent(inout) :: self
-      type(discretisation_t), intent(in) :: basis
+      type(discretisation_t), intent(in), target :: basis
       type(attempt_t), intent(inout) :: attempt
       type(attempt_t), allocatable, intent(out) :: within(:)
 

@@ -52,7 +52,7 @@ contains
    !> error estimate decides whether the status `converged` remains.
    subroutine describe_motion(system, discretisation, options, solution, result, error)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
+      type(discretisation_t), intent(in), target :: discretisation
       type(options_t), intent(in) :: options
       type(solution_t), intent(in) :: solution
       type(motion_result_t), intent(inout) :: result                  !! with its status, and its stability if known

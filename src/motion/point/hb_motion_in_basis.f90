@@ -229,7 +229,7 @@ contains
    !> Solves the balance, and describes the motion found.
    subroutine solve_balance(system, discretisation, options, solution, start, result, error, unknowns)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
+      type(discretisation_t), intent(in), target :: discretisation
       type(options_t), intent(in) :: options
       type(solution_t), intent(inout) :: solution                     !! with its basis and its balance
       type(autonomous_start_t), intent(in) :: start
