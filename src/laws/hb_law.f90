@@ -85,6 +85,7 @@ module hb_law
       logical :: is_piecewise_linear = .false.                        !! slopes change only at switches and with sliders
       type(kink_t), allocatable :: kinks(:)                           !! between samples; not allocated: none known
       logical :: has_potential = .false.  !! the force at rest is a gradient; additional forces in motion store no energy
+      logical :: has_convex_free_region = .false. !! between two motions without force lie others without force; false: not known
       logical :: is_odd = .false.     !! f(-z, -v, -p) = -f(z, v, p), with memory for the mirrored history; false: not known
    contains
       procedure(evaluate_law), deferred :: evaluate

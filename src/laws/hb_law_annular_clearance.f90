@@ -109,6 +109,7 @@ contains
       self%surface_speed = self%rotor_radius*self%rotor_speed
       self%needs_velocity = self%slides
       self%has_potential = .not. abs(self%friction) > 0.0_wp
+      self%has_convex_free_region = .true.
       self%is_odd = all(abs(self%center) <= 0.0_wp)
       self%length_scale = max(self%clearance, maxval(abs(self%center)))
       self%n_switches = merge(1, 0, self%clearance > 0.0_wp)

@@ -209,6 +209,7 @@ contains
       associate (shapes => self%shapes, gaps => self%gaps, stiffness => self%stiffness)
          self%pushes = shapes + spread(friction, 2, size(shapes, 2))*self%friction_shapes
          self%has_potential = all(abs(self%pushes - shapes) <= 0.0_wp)
+         self%has_convex_free_region = .true.
          self%length_scale = maxval(abs(gaps))
          self%n_switches = size(gaps)
          if (allocated(self%kinks)) deallocate (self%kinks)

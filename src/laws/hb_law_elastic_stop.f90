@@ -37,6 +37,7 @@ contains
       class(elastic_stop_t), intent(inout) :: self
 
       self%has_potential = .true.
+      self%has_convex_free_region = .true.
       self%is_odd = self%two_sided
       self%is_piecewise_linear = .true.
       self%length_scale = abs(self%gap)

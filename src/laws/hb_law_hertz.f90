@@ -41,6 +41,7 @@ contains
 
       self%needs_velocity = self%dissipation > 0.0_wp
       self%has_potential = .true.
+      self%has_convex_free_region = .true.
       self%length_scale = abs(self%gap)
       self%n_switches = 1
    end subroutine hertz_derive

@@ -81,6 +81,7 @@ contains
          at_zero = force_at(self, interval_of(breakpoints, 0.0_wp), 0.0_wp)
          self%forces = self%forces + (self%force_at_zero - at_zero)
          self%is_piecewise_linear = .true.
+         self%has_convex_free_region = all(slopes >= 0.0_wp)          ! a force that rises is zero in one interval at most
          self%length_scale = maxval(abs(breakpoints))
          self%n_switches = n
          call self%set_kinks_of_coordinate(breakpoints, slopes(2:) - slopes(:n))

@@ -64,6 +64,7 @@ contains
 
       self%is_multiplier = .true.
       self%has_potential = .true.
+      self%has_convex_free_region = .true.
       self%is_odd = self%two_sided
       self%length_scale = abs(self%gap)
    end subroutine rigid_wall_derive

@@ -78,6 +78,7 @@ contains
       if (.not. self%has_valid_numbers()) return
       call new_monotone_cubic(self%table, self%nodes, self%forces, self%is_constant_beyond)
       associate (nodes => self%nodes, forces => self%forces)
+         self%has_convex_free_region = all(forces(2:) >= forces(:size(forces) - 1)) ! a force that rises is zero in one interval
          self%length_scale = maxval(abs(nodes))
          self%n_switches = size(nodes)
          if (allocated(self%kinks)) deallocate (self%kinks)

@@ -14,7 +14,6 @@ module hb_reached_laws
                                                                       ! by 2 %, which is within the margin
    real(wp), parameter :: max_samples = 1.0e5_wp                      ! of the torus; with more a box around it decides
    real(wp), parameter :: max_terms = 2.0e7_wp                        ! of the series at them, for all laws: .2 s
-   integer, parameter :: points_across = 33                           ! of a box along a coordinate, fewer of several
    integer, parameter :: samples_per_part = 4096                      ! samples at one time
    integer, parameter :: samples_at_first = 256                       ! spread over the torus: most motions reach a law there
    real(wp), parameter :: golden_ratio = 0.6180339887498949_wp        ! multiples of it are spread without a pattern
@@ -34,7 +33,9 @@ contains
       reached = laws(pack([(i, i=1, size(laws))], is_reached))
    end function reached_laws
 
-   !> Whether a motion reaches a law. Those on velocities and between surfaces count as reached.
+   !> Whether a motion reaches a law: not if it stays, at all samples, in the region without force, which is convex. Laws whose
+   !> region may not be convex count as reached, since their force may act between two samples; so do those on velocities and
+   !> between surfaces.
    logical function reaches(given, motion, margin, terms)
       class(law_t), intent(in) :: given
       type(harmonic_motion_t), intent(in) :: motion
@@ -45,12 +46,15 @@ contains
       integer :: counts(size(motion%tuples, 1)), first, i, n
 
       reaches = .true.
-      if (.not. has_reach(given) .or. given%needs_velocity .or. allocated(given%positions)) return
+      if (.not. (has_reach(given) .and. given%has_convex_free_region)) return
+      if (given%needs_velocity .or. allocated(given%positions)) return
       allocate (law, source=given)
       call law%prepare(1.0_wp)                                        ! the sign of a force does not depend on it
       amplitudes = matmul(transpose(cmplx(law%shape, 0.0_wp, wp)), motion%amplitudes(law%dofs, :))
-      reaches = touches(box_around(motion%tuples, amplitudes))
-      if (.not. reaches) return
+      if (2.0_wp**size(amplitudes, 1) <= samples_at_first) then
+         reaches = touches(corners_of_box(motion%tuples, amplitudes))
+         if (.not. reaches) return
+      end if
       counts = samples_of_harmonic*max(1, maxval(abs(motion%tuples), dim=2))
       if (product(real(counts, wp)) > min(max_samples, terms/size(motion%tuples, 2))) return
       n = product(counts)
@@ -71,23 +75,21 @@ contains
       end function touches
    end function reaches
 
-   !> Points of the box that no phase leaves, with its corners, (points, coordinates).
-   pure function box_around(tuples, amplitudes) result(z)
+   !> Corners of the box that no phase leaves, (corners, coordinates).
+   pure function corners_of_box(tuples, amplitudes) result(z)
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
       complex(wp), intent(in) :: amplitudes(:, :)                     !! cos - i sin, (n_coordinates, n_harmonics)
-      real(wp), allocatable :: z(:, :)
+      real(wp) :: z(2**size(amplitudes, 1), size(amplitudes, 1))
       logical :: is_mean(size(tuples, 2))
-      integer :: c, i, n
+      integer :: c, i
 
       is_mean = all(tuples == 0, dim=1)
-      n = max(2, nint(real(points_across, wp)**(1.0_wp/size(amplitudes, 1))))
-      allocate (z(n**size(amplitudes, 1), size(amplitudes, 1)))
       do c = 1, size(z, 2)
          associate (mean => sum(real(amplitudes(c, :)), mask=is_mean), extent => sum(abs(amplitudes(c, :)), mask=.not. is_mean))
-            z(:, c) = [(mean + extent*(2.0_wp*modulo((i - 1)/n**(c - 1), n)/(n - 1) - 1.0_wp), i=1, size(z, 1))]
+            z(:, c) = [(merge(mean + extent, mean - extent, btest(i, c - 1)), i=0, size(z, 1) - 1)]
          end associate
       end do
-   end function box_around
+   end function corners_of_box
 
    !> Coordinates at some of the points of a grid over the torus, (points, coordinates).
    pure function motion_at(tuples, amplitudes, counts, at) result(z)
