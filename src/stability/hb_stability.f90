@@ -324,7 +324,7 @@ contains
    end function move_far
 
    !> Whether its error may lead a multiplier, together with another one that it meets or has parted from, through the unit
-   !> circle: the product of their distances from the point of the circle between them moves like an error of the motion, whereas
+   !> circle: the product of their logarithms, in the direction of the point of the circle between them, moves like an error;
    !> next to their meeting their difference moves like its square root.
    pure logical function may_cross(m, others, better, changes)
       complex(wp), intent(in) :: m, others(:), better(:)
@@ -351,13 +351,21 @@ contains
 
    contains
 
-      !> Product of the distances of two multipliers from the unit circle in the direction of their mean.
+      !> Product of the logarithms of two multipliers in the direction of their mean; next to the unit circle it is that of
+      !> their distances from it.
       pure complex(wp) function distances(first, second, middle)
          complex(wp), intent(in) :: first, second, middle
 
          associate (direction => middle/max(abs(middle), tiny(1.0_wp)))
-            distances = (1.0_wp - first*conjg(direction))*(1.0_wp - second*conjg(direction))
+            distances = logarithm(first*conjg(direction))*logarithm(second*conjg(direction))
          end associate
       end function distances
+
+      pure complex(wp) function logarithm(multiplier)
+         complex(wp), intent(in) :: multiplier
+
+         logarithm = (0.0_wp, 0.0_wp)
+         if (abs(multiplier) > 0.0_wp) logarithm = log(multiplier)
+      end function logarithm
    end function may_cross
 end module hb_stability
