@@ -362,7 +362,7 @@ contains
    !> status.
    subroutine store_error_estimate(system, discretisation, options, solution, result, error)
       type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation
+      type(discretisation_t), intent(in), target :: discretisation
       type(options_t), intent(in) :: options
       type(solution_t), intent(in) :: solution
       type(motion_result_t), intent(inout) :: result
