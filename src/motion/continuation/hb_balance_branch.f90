@@ -3,41 +3,34 @@
 !> mode, and the moving value. The units of length are the range of the value and the largest motion so far.
 module hb_balance_branch
    use, intrinsic :: ieee_arithmetic, only: ieee_quiet_nan, ieee_value
-   use hb_autonomous, only: find_energy
-   use hb_bifurcation_error, only: add_error_of_bifurcation, add_error_of_graze
    use hb_bordered, only: bordered_problem_t, new_bordered_problem, plane_t
    use hb_curve, only: curve_config_t, curve_t, solve_next_to
    use hb_curve_branches, only: branches_t, origin_t
    use hb_curve_course, only: curve_course_t
    use hb_curve_events, only: event_values_t
    use hb_curve_points, only: curve_point_t
-   use hb_discretisation, only: discretisation_t
    use hb_energy, only: energy_t
    use hb_error, only: error_t
    use hb_followed, only: followed_t, step_accuracy_t
-   use hb_harmonics, only: harmonics_t, new_of_parity
    use hb_kinds, only: wp
-   use hb_law, only: has_memory
-   use hb_level, only: apply_safety_factor, check_discretisation, estimate_of, level_t, transferred, without_motion
+   use hb_level, only: level_t
    use hb_located_response, only: located_response_t, response_series_t
    use hb_model, only: model_t
-   use hb_model_basis, only: half_of_odd, is_solved_odd, max_even_share
-   use hb_model_problem, only: model_problem_t, new_model_problem
-   use hb_motion_description, only: describe_motion, solution_t, stability_of
+   use hb_model_basis, only: max_even_share
+   use hb_model_problem, only: model_problem_t
+   use hb_motion_description, only: stability_of
    use hb_motion_images, only: copies_of, image_of, nearest_phases
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_normal_mode, only: amplitude_functionals
-   use hb_options, only: options_t
    use hb_outcome, only: outcome
    use hb_phase, only: energy_row_t, shift_functional
-   use hb_point_kinds, only: curve_kind
    use hb_response_slope, only: find_series_slope, omega_slopes_along
    use hb_solver_types, only: report_t, solver_config_t
-   use hb_stability, only: stability_method, stability_t
+   use hb_stability, only: stability_t
    use hb_switch_extremes, only: extremes_of_switches
    use hb_switched_branch, only: has_switched_branch
    use hb_system, only: system_t
-   use hb_thresholds, only: negligible_share, negligible_step, rounding_level, small_share
+   use hb_thresholds, only: negligible_share, negligible_step, rounding_level
    implicit none
    private
    public :: balance_branch_t, find_motion
@@ -86,7 +79,7 @@ module hb_balance_branch
       procedure :: destroy => balance_branch_destroy
    end type balance_branch_t
 
-   ! The first motion; bodies in hb_balance_branch_start
+   ! The first motion, and sets of harmonics; bodies in hb_balance_branch_start
    interface
       module subroutine balance_branch_find_first(self, model, first, result, is_described, error)
          class(balance_branch_t), intent(inout), target :: self
@@ -103,6 +96,18 @@ module hb_balance_branch
          type(curve_position_t), intent(in) :: stored(:)
          type(error_t), allocatable, intent(out) :: error
       end subroutine balance_branch_resume
+
+      module subroutine balance_branch_adopt_level(self, level, error)
+         class(balance_branch_t), intent(inout), target :: self
+         type(level_t), intent(in) :: level
+         type(error_t), allocatable, intent(out) :: error
+      end subroutine balance_branch_adopt_level
+
+      module function balance_branch_on_level(self, origin) result(moved)
+         class(balance_branch_t), intent(in) :: self
+         type(origin_t), intent(in) :: origin
+         type(origin_t) :: moved
+      end function balance_branch_on_level
    end interface
 
    ! What other modules do with a balance; bodies in hb_balance_branch_step
@@ -134,114 +139,29 @@ module hb_balance_branch
       end subroutine balance_branch_find_gradient
    end interface
 
+   ! Results at a point; bodies in hb_balance_branch_results
+   interface
+      module subroutine balance_branch_describe(self, curve, point, plane, result, error, compares_in_time)
+         class(balance_branch_t), intent(inout), target :: self
+         type(curve_t), intent(inout), target :: curve
+         type(curve_point_t), intent(in) :: point
+         type(plane_t), intent(in) :: plane
+         type(motion_result_t), intent(inout) :: result
+         type(error_t), allocatable, intent(out) :: error
+         logical, intent(in), optional :: compares_in_time
+      end subroutine balance_branch_describe
+
+      module function balance_branch_plane_at(self, curve, point) result(plane)
+         class(balance_branch_t), intent(inout), target :: self
+         type(curve_t), intent(inout) :: curve
+         type(curve_point_t), intent(in) :: point
+         type(plane_t) :: plane
+      end function balance_branch_plane_at
+   end interface
+
 contains
 
    ! Equations at a point
-
-   !> Sets up the problem of the curve on a set and a grid, at its start.
-   subroutine balance_branch_adopt_level(self, level, error)
-      class(balance_branch_t), intent(inout), target :: self
-      type(level_t), intent(in) :: level
-      type(error_t), allocatable, intent(out) :: error
-      type(model_t) :: found
-      integer, allocatable :: which(:)
-      integer :: i, n_unknown
-
-      found = self%model
-      associate (tones => found%system%tones)
-         n_unknown = count(tones%is_unknown)
-         which = pack([(i, i=1, tones%n_tones)], tones%is_unknown)
-         tones%omega(which) = self%further(:n_unknown)
-         if (found%system%normal_mode%is_requested) which = [which, tones%n_tones + which]
-      end associate
-      if (found%options%accuracy%is_on .or. any(level%torus%n_samples /= found%discretisation%torus%n_samples)) then
-         found%discretisation = level%discretisation_t
-         call check_discretisation(found%system, found%discretisation, found%options, error)
-         if (allocated(error)) return
-      end if
-      if (found%options%accuracy%is_on) then
-         found%options%error_estimate%is_on = .true.
-         found%options%error_estimate%truncation = found%options%accuracy%tolerance
-         found%options%error_estimate%aliasing = found%options%accuracy%tolerance
-         call self%problem%destroy()
-      end if
-      call new_model_problem(self%problem, found%system, found%discretisation, found%options, self%request%moving, &
-                             self%request%start, error)
-      if (allocated(error)) return
-      if (allocated(self%problem%stiffness%contacts) .and. self%problem%moves_frequency) &
-         call found%system%contact_parts%cover(maxval(abs(self%problem%frequencies))* &
-                                               max(self%request%from, self%request%to)/self%request%start)
-      self%level = without_motion(level)
-      self%problem%which = [which, self%problem%own]
-      self%n_further = size(self%problem%which)
-      self%weights = self%problem%x_scale
-      associate (set => found%discretisation%harmonics, system => found%system)
-         self%has_all_harmonics = set%n_harmonics == set%highest(1) + 1
-         self%has_integrated_multipliers = found%options%stability%method == stability_method%integration .and. &
-                                           system%tones%n_tones == 1 .and. has_kinks_or_memory(system)
-         self%may_jump_within_period = self%model%system%may_jump_within_period()
-      end associate
-      if (found%system%normal_mode%has_energy) &
-         call find_energy(self%energy, found%system, found%discretisation, found%options, self%problem%balance_t, error)
-      if (allocated(error)) return
-      call make_odd_problem(self, found%system, found%discretisation, found%options, error)
-      if (allocated(error)) return
-      do i = 1, size(self%request%responses)
-         associate (response => self%request%responses(i))
-            response%column = self%problem%stiffness%coordinates%number_of(response%dof)
-         end associate
-      end do
-   end subroutine balance_branch_adopt_level
-
-   !> Whether laws have kinks or memory, near which multipliers of a series have errors of first order.
-   pure logical function has_kinks_or_memory(system)
-      type(system_t), intent(in) :: system
-      integer :: i
-
-      has_kinks_or_memory = any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
-   end function has_kinks_or_memory
-
-   !> Sets up the problem of odd motions alone on the present set, if the moving value is a given frequency and the
-   !> equations are odd: other values may break the symmetry. Odd motions may hold sliders away from their center, and
-   !> the forces of these are then not odd.
-   subroutine make_odd_problem(self, system, discretisation, options, error)
-      class(balance_branch_t), intent(inout), target :: self
-      type(system_t), intent(in) :: system
-      type(discretisation_t), intent(in) :: discretisation            !! on the present set
-      type(options_t), intent(in) :: options
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: odd
-      type(discretisation_t) :: reduced
-      integer :: i
-
-      if (allocated(self%odd_problem)) then
-         call self%odd_problem%destroy()
-         deallocate (self%odd_problem)
-      end if
-      if (.not. (self%problem%moves_frequency .and. is_solved_odd(system, discretisation, options)) .or. &
-          has_memory(system%laws) .or. any(system%tones%is_unknown)) return
-      call new_of_parity(odd, discretisation%harmonics, 1, error)
-      if (allocated(error) .or. odd%n_harmonics == discretisation%harmonics%n_harmonics) return
-      reduced = discretisation
-      reduced%harmonics = odd
-      reduced%torus = half_of_odd(system, discretisation)
-      allocate (self%odd_problem)
-      call new_model_problem(self%odd_problem, system, reduced, options, self%request%moving, self%request%start, error)
-      associate (n => self%problem%n_unknowns, m => size(self%problem%which))
-         self%odd_indices = [discretisation%harmonics%indices_of(odd, self%problem%n_dofs), (n + i, i=1, m)]
-      end associate
-   end subroutine make_odd_problem
-
-   !> An origin on the present set.
-   function balance_branch_on_level(self, origin) result(moved)
-      class(balance_branch_t), intent(in) :: self
-      type(origin_t), intent(in) :: origin
-      type(origin_t) :: moved
-
-      moved = origin
-      moved%x = transferred(origin%level%harmonics, self%level%harmonics, origin%x, self%n_further)
-      moved%direction = transferred(origin%level%harmonics, self%level%harmonics, origin%direction, self%n_further)
-   end function balance_branch_on_level
 
    !> The equations with their conditions at a point, and a last functional.
    subroutine balance_branch_border(self, x, functional, problem)
@@ -669,92 +589,6 @@ contains
    end subroutine balance_branch_find_contact
 
    ! Results
-
-   !> Computes the results of a motion of the curve, with its errors in a plane.
-   subroutine balance_branch_describe(self, curve, point, plane, result, error, compares_in_time)
-      class(balance_branch_t), intent(inout), target :: self
-      type(curve_t), intent(inout), target :: curve
-      type(curve_point_t), intent(in) :: point
-      type(plane_t), intent(in) :: plane                              !! across the curve there
-      type(motion_result_t), intent(inout) :: result
-      type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: compares_in_time               !! with a short time integration
-      type(options_t) :: options
-      type(solution_t) :: solution
-      real(wp), target :: u(self%problem%harmonics%n_coefficients, self%problem%n_dofs)
-      real(wp) :: r(self%problem%n_unknowns)
-      integer :: n
-      logical :: is_possible
-
-      n = self%problem%n_unknowns
-      u = reshape(point%x(:n), shape(u))
-      call self%problem%move_to_point(point%x, is_possible)
-      associate (balance => self%problem%balance_t, model => self%problem%model)
-         call self%problem%residual(point%x(:n), r)
-         result%residual = self%problem%norm(r)
-         result%status = outcome%converged
-         if (allocated(point%stability)) result%stability = point%stability
-         result%frequency = balance%omega
-         if (model%system%normal_mode%is_requested) result%artificial_damping = balance%xi
-         result%n_harmonics = model%discretisation%harmonics%n_harmonics
-         result%n_unknowns = n
-         options = model%options
-         if (present(compares_in_time)) options%compares_in_time = compares_in_time
-         if (allocated(plane%functional)) call curve%problem%hold(plane)
-         solution%basis => self%problem%model%discretisation
-         solution%balance => self%problem%balance_t
-         solution%u => u
-         solution%problem => curve%problem
-         call describe_motion(model%system, model%discretisation, options, solution, result, error)
-      end associate
-      if (allocated(error)) return
-      if (self%model%options%accuracy%is_on) call apply_safety_factor(self%model%system, result)
-      associate (unit => max(abs(point%x(size(point%x))), small_share*abs(self%request%to - self%request%from)))
-         call add_error_of_bifurcation(self%problem%model, point%bifurcation, point%shift/unit, result)
-         call add_error_of_graze(self%problem%model, [point%extreme, point%switch], point%shift/unit, result)
-         if (.not. self%model%options%accuracy%is_on) return
-         associate (of_value => min(1.0_wp, result%error_estimate%parameter_error/unit))
-            if (of_value > estimate_of(result)) result%level_estimate = of_value   ! such as at folds, which move along the value
-         end associate
-      end associate
-      if (any(result%status == [outcome%converged, outcome%truncated, outcome%aliased])) &
-         result%status = merge(outcome%converged, outcome%truncated, estimate_of(result) <= self%model%options%accuracy%tolerance)
-      result%harmonics = self%level%harmonics
-      result%n_samples = self%level%torus%n_samples
-      result%n_levels = self%n_levels
-   end subroutine balance_branch_describe
-
-   !> The plane across the tangent at a point, in units of the motion there, in which its errors are estimated, if they are: it does
-   !> not depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
-   !> tangent, steps are across both; at a given value this is held.
-   function balance_branch_plane_at(self, curve, point) result(plane)
-      class(balance_branch_t), intent(inout), target :: self
-      type(curve_t), intent(inout) :: curve
-      type(curve_point_t), intent(in) :: point
-      type(plane_t) :: plane
-      type(report_t) :: report
-      real(wp) :: determinant_sign, tangent(size(point%x)), units(size(point%x))
-      logical :: is_crossed, is_possible, is_singular
-
-      if (.not. self%problem%model%options%error_estimate%is_on) return
-      call self%problem%move_to_point(point%x, is_possible)
-      is_singular = all(abs(point%x - curve%x) <= 0.0_wp)        ! its tangent is the direction
-      if (.not. is_singular) then
-         report = curve%report                                   ! not counted as work of the curve
-         call curve%tangent_at(point%x, tangent, determinant_sign, is_singular)
-         curve%report = report
-      end if
-      is_crossed = point%is_crossing .or. point%kind == curve_kind%branch
-      if (is_singular) tangent = curve%direction
-      associate (u => point%x(:self%problem%n_unknowns))
-         units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
-      end associate
-      if (any(point%kind == [curve_kind%value, curve_kind%end]) .and. .not. is_crossed) &
-         tangent = [0.0_wp*tangent(2:), units(size(units))]
-      plane%functional = tangent/units**2/norm2(tangent/units)
-      plane%value = dot_product(plane%functional, point%x)
-      if (is_crossed) plane%units_across = units
-   end function balance_branch_plane_at
 
    !> The system at a stored point, to which the problem moves its own.
    function balance_branch_system_at(self, position) result(system)
