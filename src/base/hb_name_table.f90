@@ -57,14 +57,13 @@ contains
    pure subroutine find_first_equal(texts, first)
       character(*), intent(in) :: texts(:)
       integer, intent(out) :: first(:)                      !! (size(texts))
-      integer :: i, slots(2*size(texts) + 1)
+      integer :: i, slot, slots(2*size(texts) + 1)
 
       slots = 0
       do i = 1, size(texts)
-         associate (found => slots(free_slot(slots, texts, texts(i))))
-            if (found == 0) found = i
-            first(i) = found
-         end associate
+         slot = free_slot(slots, texts, texts(i))
+         if (slots(slot) == 0) slots(slot) = i
+         first(i) = slots(slot)
       end do
    end subroutine find_first_equal
 
