@@ -17,7 +17,9 @@ QUICK = "import os, signal\n\ndef main_in_child_process():\n    os.kill(os.getpi
 def started(folder, text):
     (folder / "a_command.py").write_text(text)
     script = f"import sys; sys.path.insert(0, {str(folder)!r}); from nhbm.program import command_of; command_of('a_command')()"
-    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    # a test that runs in the background of a shell would hand on that interrupts are ignored
+    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False,
+                          preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
 
 
 def test_an_interrupt_during_imports_leaves_no_traceback(tmp_path):
