@@ -27,6 +27,7 @@ contains
       type(system_t), intent(in) :: system
       type(advice_list_t), intent(inout) :: list
       real(wp), allocatable :: damping(:), mass(:), stiffness(:)      ! diagonals
+      real(wp), allocatable :: dissipative(:, :)
       integer :: i
 
       associate (structure => system%structure)
@@ -39,7 +40,8 @@ contains
          if (.not. is_gyroscopic(structure)) call advise_on_matrix(structure, "stiffness", stiffness, structure%stiffness, &
                                                                    [advice%negative_stiffness, advice%indefinite_stiffness], list)
          if (any(system%tones%is_unknown)) return
-         call advise_on_matrix(structure, "damping", damping, dissipative_part(system), &
+         call find_dissipative_part(system, dissipative)
+         call advise_on_matrix(structure, "damping", damping, dissipative, &
                                [advice%negative_damping, advice%indefinite_damping], list)
       end associate
       do i = 1, size(system%laws)
@@ -49,9 +51,9 @@ contains
 
    !> The damping without what stores or passes on energy, with equations multiplied so that forces are reciprocal: the voltage of a
    !> coil, whose force is in another matrix, and a gyrator in any units damp nothing. Not allocated for sparse matrices.
-   function dissipative_part(system) result(damping)
+   subroutine find_dissipative_part(system, damping)
       type(system_t), intent(in) :: system
-      real(wp), allocatable :: damping(:, :)
+      real(wp), allocatable, intent(out) :: damping(:, :)             !! (n_dofs, n_dofs)
       type(coordinate_scales_t) :: scales
       integer :: i, k
 
@@ -65,7 +67,7 @@ contains
             end do
          end do
       end associate
-   end function dissipative_part
+   end subroutine find_dissipative_part
 
    !> Whether two degrees of freedom act on each other by displacements in one direction and by rates in the other, as a current and
    !> the coil that it drives.
