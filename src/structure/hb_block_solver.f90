@@ -8,10 +8,11 @@
 !> matrices (hb_band_factors), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
 !> row exchanges. Solutions of the last two at many frequencies are taken from one space (hb_solution_space), where that
-!> has them; factors follow where it does not. Rows and columns are scaled once by the magnitudes on the diagonal, so that the verdict "singular"
-!> does not depend on units.
+!> has them; factors follow where it does not. Rows and columns are scaled once, by the magnitudes on the diagonal and those beside it
+!> (hb_balancing), so that the verdict "singular" depends neither on units of coordinates nor on those of equations.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
+   use hb_balancing, only: balancing_factors
    use hb_band_factors, only: factorise_band, solve_band
    use hb_kinds, only: wp
    use hb_lapack, only: zgetrf, zgetrs
@@ -39,7 +40,7 @@ module hb_block_solver
       integer, private :: n_lower = 0, n_upper = 0, n_rhs = 0
       integer, allocatable, private :: order(:)              !! of the unknowns in the factors, if it is another one
       type(structure_block_t), private :: entries            !! scaled
-      complex(wp), allocatable, private :: scale(:)          !! (n), real values, complex to multiply `rhs`
+      real(wp), allocatable, private :: of_row(:), of_column(:) !! (n), factors of the rows and columns of the block
       complex(wp), allocatable, private :: probe(:)          !! (n), in no particular direction
       complex(wp), allocatable, private :: matrix(:, :)      !! dense (n, n), or LAPACK band storage
       complex(wp), allocatable, private :: s(:)              !! values of the entries
@@ -78,7 +79,7 @@ contains
       type(structure_block_t), intent(in) :: block                    !! square
       integer, intent(in) :: n, n_rhs
       real(wp), intent(in) :: highest_frequency                       !! [rad/s]
-      real(wp), allocatable :: scale(:)
+      real(wp) :: d(n), scale(n)
       integer :: e, n_rows
 
       self%n = n
@@ -88,15 +89,17 @@ contains
       if (n == 0) return
       self%entries = block
       allocate (self%s(block%n_entries), self%magnitude(block%n_entries))
-      allocate (scale(n), source=1.0_wp)
+      scale = 1.0_wp
       call block%magnitude(highest_frequency, self%magnitude)
       do e = 1, block%n_entries
          if (block%row(e) /= block%column(e) .or. .not. self%magnitude(e) > 0.0_wp) cycle
          scale(block%row(e)) = 1.0_wp/sqrt(self%magnitude(e))
       end do
-      call self%entries%scale_by(scale)
+      d = balancing_factors(n, block%row, block%column, scale(block%row)*self%magnitude*scale(block%column))
+      self%of_row = scale/d
+      self%of_column = scale*d
+      call self%entries%scale_by(self%of_row, self%of_column)
 
-      self%scale = cmplx(scale, kind=wp)
       n_rows = find_band(self)
       call new_arrow_factors(self%arrow, n, block%row, block%column)
       self%is_sparse = n >= min_sparse .and. real(min(n_rows, n), wp)*n > max_band_fill*block%n_entries
@@ -217,7 +220,7 @@ contains
 
       do k = 1, size(rhs, 3)
          do i = 1, size(rhs, 2)
-            scaled(:, i, k) = self%scale*rhs(:, i, k)
+            scaled(:, i, k) = self%of_row*rhs(:, i, k)
          end do
       end do
       call self%space%learn(frequencies, drives, scaled)
@@ -269,7 +272,7 @@ contains
       if (is_singular) return
 
       do i = 1, self%n_rhs
-         self%rhs(:, i) = self%scale*self%rhs(:, i)
+         self%rhs(:, i) = self%of_row*self%rhs(:, i)
       end do
       if (has_springs(self, frequency)) self%unsupported = norm2(abs(self%rhs(:, :self%n_rhs)), dim=1)
       associate (probe => self%rhs(:, self%n_rhs + 1:))
@@ -293,7 +296,7 @@ contains
          end do
       end if
       do i = 1, self%n_rhs
-         self%rhs(:, i) = self%scale*self%rhs(:, i)
+         self%rhs(:, i) = self%of_column*self%rhs(:, i)
       end do
    end subroutine block_solver_solve
 
@@ -306,7 +309,7 @@ contains
       integer :: i
 
       do i = 1, self%n_rhs
-         b(:, i) = self%scale*self%rhs(:, i)
+         b(:, i) = self%of_row*self%rhs(:, i)
       end do
       forces = norm2(abs(b), dim=1)
       call self%space%solve(self%frequency, self%drive, b, self%is_in_space)
@@ -315,7 +318,7 @@ contains
       self%is_in_space = all(self%space%size_of_terms(self%frequency, self%drive)*motions <= suspicious_growth*forces)
       if (.not. self%is_in_space) return
       do i = 1, self%n_rhs
-         self%rhs(:, i) = self%scale*b(:, i)
+         self%rhs(:, i) = self%of_column*b(:, i)
       end do
    end subroutine solve_in_space
 
@@ -401,11 +404,11 @@ contains
          call factorise(self, norm, is_singular)
       end if
       do i = 1, self%n_rhs
-         self%rhs(:, i) = self%scale*self%rhs(:, i)
+         self%rhs(:, i) = self%of_row*self%rhs(:, i)
       end do
       call back_substitute(self, "N", self%rhs(:, :self%n_rhs))
       do i = 1, self%n_rhs
-         self%rhs(:, i) = self%scale*self%rhs(:, i)
+         self%rhs(:, i) = self%of_column*self%rhs(:, i)
       end do
    end subroutine block_solver_solve_again
 

@@ -14,6 +14,7 @@ module hb_dynamic_stiffness
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_amplitudes, only: amplitudes_t, as_amplitudes
    use hb_assert, only: assert, asserts_are_on
+   use hb_balancing, only: balancing_factors
    use hb_band_factors, only: factorise_band, solve_band
    use hb_block_pattern, only: block_pattern_t, new_block_pattern
    use hb_block_solver, only: probe_vector, suspicious_growth
@@ -466,7 +467,8 @@ contains
       complex(wp), intent(out) :: c(:, :)                             !! [m], (n_law, n_harmonics)
       logical, intent(out) :: is_singular(:)                          !! (n_harmonics)
       complex(wp), allocatable :: a(:, :)                             ! in LAPACK's layout, a band with room for exchanges
-      complex(wp) :: b(self%n_law, 2), columns(self%n_law, chunk_of_columns), scale(self%n_law)
+      complex(wp) :: b(self%n_law, 2), columns(self%n_law, chunk_of_columns)
+      real(wp) :: d(self%n_law), scale(self%n_law)
       real(wp) :: norm, reciprocal_condition, rounding
       integer :: above, first, h, i, k, n, pivots(self%n_law)
 
@@ -487,8 +489,8 @@ contains
       rounding = 100*real(self%n_dofs, wp)*epsilon(1.0_wp)
       do h = 1, self%n_harmonics
          ! Scaled by the cancelled terms of S_c, so that a remainder of rounding is recognised in any units.
-         scale = (1.0_wp, 0.0_wp)
-         where (self%magnitude(:, h) > 0.0_wp) scale = cmplx(1.0_wp/sqrt(self%magnitude(:, h)), kind=wp)
+         scale = 1.0_wp
+         where (self%magnitude(:, h) > 0.0_wp) scale = 1.0_wp/sqrt(self%magnitude(:, h))
          a = (0.0_wp, 0.0_wp)
          do first = 1, n, chunk_of_columns
             call self%get_columns(first, h, columns(:, :min(chunk_of_columns, n - first + 1)))
@@ -498,15 +500,37 @@ contains
                end do
             end do
          end do
+         call balance_block(self%pattern, a, d)
          norm = max(1.0_wp, maxval(sum(abs(a), dim=1)))
          call factorise_block(self%pattern, a, pivots, is_singular(h))
          if (is_singular(h)) cycle
-         b(:, 1) = scale*self%load(:, h)
+         b(:, 1) = scale/d*self%load(:, h)
          call solve_and_probe(self%pattern, a, pivots, norm, b, reciprocal_condition)
          is_singular(h) = reciprocal_condition < rounding
-         if (.not. is_singular(h)) c(:, h) = scale*b(:, 1)
+         if (.not. is_singular(h)) c(:, h) = scale*d*b(:, 1)
       end do
    end subroutine dynamic_stiffness_linear_amplitudes
+
+   !> Divides rows by, and multiplies columns with, the factors that balance a block.
+   subroutine balance_block(pattern, a, d)
+      type(block_pattern_t), intent(in) :: pattern
+      complex(wp), intent(inout), contiguous :: a(:, :)               !! in LAPACK's layout, with ones on the diagonal
+      real(wp), intent(out) :: d(:)
+      integer, allocatable :: column(:), row(:)
+      real(wp), allocatable :: magnitude(:)
+      integer :: i, k, offset(pattern%n)
+
+      offset = merge(pattern%half_bandwidth, 0, pattern%is_banded) + pattern%shift
+      row = [((i, i=pattern%first(k), pattern%last(k)), k=1, pattern%n)]
+      column = [((k, i=pattern%first(k), pattern%last(k)), k=1, pattern%n)]
+      magnitude = [((abs(a(offset(k) + i, k)), i=pattern%first(k), pattern%last(k)), k=1, pattern%n)]
+      d = balancing_factors(pattern%n, row, column, magnitude)
+      do k = 1, pattern%n
+         do i = pattern%first(k), pattern%last(k)
+            a(offset(k) + i, k) = a(offset(k) + i, k)*(d(k)/d(i))
+         end do
+      end do
+   end subroutine balance_block
 
    !> Overwrites a block with its factors; `is_singular` if a pivot is zero.
    subroutine factorise_block(pattern, a, pivots, is_singular)

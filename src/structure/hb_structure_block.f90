@@ -158,13 +158,13 @@ contains
    end subroutine collect_sparse
 
    !> Multiplies rows and columns by factors.
-   pure subroutine structure_block_scale_by(self, factors)
+   pure subroutine structure_block_scale_by(self, of_row, of_column)
       class(structure_block_t), intent(inout) :: self
-      real(wp), intent(in) :: factors(:)                              !! of row and column, of a square block
+      real(wp), intent(in) :: of_row(:), of_column(:)                 !! factors
       integer :: e
 
       do e = 1, self%n_entries
-         associate (factor => factors(self%row(e))*factors(self%column(e)))
+         associate (factor => of_row(self%row(e))*of_column(self%column(e)))
             self%mass(e) = factor*self%mass(e)
             self%damping(e) = factor*self%damping(e)
             self%stiffness(e) = factor*self%stiffness(e)
