@@ -1,8 +1,8 @@
 !> Factors that free a matrix of the units of its coordinates and equations.
 !>
-!> With coordinates x_i = s_i y_i and rows multiplied by r_i the diagonal fixes the products r_i s_i, the balance of rows and columns
-!> the ratios. Source: Parlett and Reinsch, Balancing a matrix for calculation of eigenvalues and eigenvectors, Numerische
-!> Mathematik 13 (1969), here for a list of entries.
+!> With coordinates x_i = s_i y_i and rows multiplied by r_i the diagonal fixes the products r_i s_i, the balance of rows and
+!> columns the ratios. Source: Parlett and Reinsch, Balancing a matrix for calculation of eigenvalues and eigenvectors,
+!> Numerische Mathematik 13 (1969), here for a list of entries.
 module hb_balancing
    use hb_kinds, only: wp
    implicit none

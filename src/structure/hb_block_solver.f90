@@ -8,8 +8,8 @@
 !> matrices (hb_band_factors), if necessary in another order of the unknowns, large ones
 !> with few entries as sparse matrices (UMFPACK), others as dense ones (LAPACK, or hb_small_lu); all but the first with
 !> row exchanges. Solutions of the last two at many frequencies are taken from one space (hb_solution_space), where that
-!> has them; factors follow where it does not. Rows and columns are scaled once, by the magnitudes on the diagonal and those beside it
-!> (hb_balancing), so that the verdict "singular" depends neither on units of coordinates nor on those of equations.
+!> has them; factors follow where it does not. Rows and columns are scaled once, by the magnitudes on the diagonal and those
+!> beside it (hb_balancing), so that the verdict "singular" depends neither on units of coordinates nor on those of equations.
 module hb_block_solver
    use hb_arrow_factors, only: arrow_factors_t, new_arrow_factors
    use hb_balancing, only: balancing_factors
