@@ -2,48 +2,25 @@
 
 from __future__ import annotations
 
-import functools
-import multiprocessing
 import os
 import pickle
-import signal
 import subprocess
 import sys
-import threading
-import time
 import types
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import scipy.sparse as sp
 import xarray as xr
 
 from in_process import DUFFING, ROOT, cubic, duffing, same, session_of
-from program import _ENVIRONMENT
 
 import nhbm
 from nhbm import Model, ModelError
-
-
-@pytest.mark.parametrize("warm", [False, True])
-def test_functions_of_a_sweep_give_the_same_numbers_in_any_process(warm):
-    """A response starts from the last motion of its model, which depends on who has computed the points before."""
-
-    def response(model):
-        return model.response("x1 (1)", tolerance=1e-3)
-
-    values = {"load[0].cos": [0.1, 0.2], "spring.stiffness": [0.1, 0.3, 1.0, 2.0]}
-    alone = duffing().sweep(values, of=response, warm=warm)["response"].values
-    with ThreadPoolExecutor(2) as executor:
-        np.testing.assert_array_equal(duffing().sweep(values, of=response, warm=warm, executor=executor)["response"].values, alone)
-    one = {path: line[1:2] for path, line in values.items()}
-    assert warm or duffing().sweep(one, of=response)["response"].values == alone[5]
 
 
 def test_a_value_that_follows_is_read_as_it_follows():
@@ -127,16 +104,6 @@ def test_inputs_go_both_ways():
         text = Model.from_file(ROOT / "inputs" / path).to_namelist()
         again = Model.from_namelist(text, (ROOT / "inputs" / path).parent).to_namelist()
         assert sorted(again.splitlines()) == sorted(text.splitlines())
-
-
-def test_warm_starts_stay_on_the_branch():
-    """With decreasing frequency the response of a hardening spring remains small at .9 of the range, with increasing frequency it
-    is large."""
-    model, found = Model.from_namelist(DUFFING.replace("damping_mass = 0.1", "damping_mass = 0.05")), []
-    for values in (np.linspace(0.6, 1.6, 41), np.linspace(2.4, 1.6, 41)):
-        line = model.sweep({"tones[0]": values}, order=7, warm=True)
-        found.append(float(line.nhbm.amplitude("x1")[-1]))
-    assert found[0] > 2 * found[1]
 
 
 def test_what_is_wrong_is_said():
@@ -306,14 +273,6 @@ def test_rotors_turn_with_their_tones():
         model.curve("structure%speed(1)", 60.0, 66.0)
 
 
-def test_curves_run_over_the_energy_of_a_mode():
-    model = Model(nhbm.Chain(n_masses=2, ends="fixed", mass=1.0, coupling_stiffness=1.0), tones={"unknown": True},
-                  normal_mode={"energy": 1.0})  # fmt: skip
-    model.law("cubic_spring", "x1", stiffness=0.5)
-    curve = model.curve("normal_mode%energy", 3000.0, 5000.0, tolerance=1e-6)
-    assert curve["normal_mode_energy"].values[curve["curve_kind"] == "fold"] == pytest.approx([4680.546293], rel=1e-8)
-
-
 def test_models_are_sent_with_their_values():
     """Pickled, with laws in Python and changed values; executors with `map`, that of Dask if it is installed."""
     model = duffing(spring=True)
@@ -355,46 +314,6 @@ def test_progress_is_reported(monkeypatch):
         assert duffing().curve("tones[0]", 0.6, 0.7, order=3, progress=True).sizes["point"] > 1
 
 
-def test_numbers_of_a_sweep_are_named():
-    for of, words in (("x1 (1)", "Amplitude of x1, harmonic 1"), ("x1", "Root mean square of x1")):
-        found = duffing().sweep({"tones[0]": [0.6, 0.7]}, of=of, order=3)
-        assert found["response"].attrs["long_name"] == words
-
-
-def test_failed_responses_of_a_sweep_are_reported():
-    model = duffing()
-    model.set("solver", max_iterations=1, fallback=False)
-    with pytest.warns(nhbm.NotConverged, match="of 2 points 2 out_of_budget") as warned:
-        found = model.sweep({"tones[0]": [0.9, 1.0]}, of="x1 (1)", order=3)
-    assert len(warned) == 1 and np.isnan(found["response"]).all()
-    assert found["status"].values.tolist() == 2 * ["out_of_budget"] and all(found["message"].values)
-
-
-def test_failed_functions_of_a_sweep_are_reported():
-    """A solution that does not converge, and an exception, have a status and a message beside what the function returns."""
-
-    def of(model):
-        if model["tones[0]"] == 0.8:
-            raise ValueError("no root")
-        return {"at": model["tones[0]"], "size": float(model.solve(order=3).nhbm.amplitude("x1"))}
-
-    with pytest.warns(nhbm.NotConverged, match="of 3 points 1 failed. ValueError: no root"):
-        found = duffing().sweep({"tones[0]": [0.7, 0.8, 0.9]}, of=of)
-    assert found["status"].values.tolist() == ["converged", "failed", "converged"]
-    assert found["message"].values.tolist() == ["", "ValueError: no root", ""]
-    np.testing.assert_array_equal(found["at"], [0.7, np.nan, 0.9])
-    assert np.isfinite(found["size"]).values.tolist() == [True, False, True]
-    with pytest.raises(ValueError, match="no root"):  # what is wrong with every point is not reported after the last one
-        duffing().sweep({"tones[0]": [0.8, 0.9]}, of=of)
-    model = duffing()
-    model.set("solver", max_iterations=1, fallback=False)
-    peak = functools.partial(Model.peak, of="x1 (1)", path="tones[0]", start=0.5, stop=1.5, order=3)
-    with pytest.warns(nhbm.NotConverged):
-        found = model.sweep({"load[0].cos": [0.3, 0.4]}, of=peak)
-    assert np.isnan(found["value"]).all() and "converged" not in found["status"].values and all(found["message"].values)
-    assert duffing().sweep({"tones[0]": [0.7]}, of=lambda model: 1.0)["status"].values.tolist() == ["converged"]
-
-
 def test_wrong_loads_are_reported_when_they_are_added():
     model = Model(nhbm.Matrices(mass=1.0, damping=0.05, stiffness=1.0), tones=[0.5])
     for message, keys in (
@@ -423,134 +342,6 @@ def test_wrong_keys_are_reported_when_they_are_set():
     with pytest.raises(ModelError, match="unknown key 'tolerence'"):
         model["solver.tolerence"] = 1e-8
     assert model.solve(order=3).nhbm.is_converged
-
-
-def test_points_of_a_curve_are_named(tmp_path):
-    curve = duffing().curve("tones[0]", 0.5, 2.5, order=3, max_step=0.2, peak_of="x1 (1)")
-    assert curve["curve_kind"][0] == "start" and (curve["curve_kind"] == "peak").sum() == 1
-    path = tmp_path / "curve.nml"
-    path.write_text(
-        DUFFING + "&harmonics order = 3 /\n"
-        "&curve parameter = 'tones%frequency', from = 0.5, to = 2.5, max_step = 0.2, peak_of = 'x1 (1)' /\n"
-    )
-    subprocess.run([os.environ["NHBM"], "solve", path, "--quiet"], check=True, cwd=tmp_path, env=_ENVIRONMENT)
-    with h5py.File(tmp_path / "curve.h5") as file:
-        assert (file["status"][:] == file["status"].attrs["flag_meanings"].split().index("unused")).any()
-    with nhbm.open_dataset(tmp_path / "curve.h5") as opened:
-        assert opened["curve_kind"].values.tolist() == curve["curve_kind"].values.tolist()
-        np.testing.assert_allclose(opened.nhbm.amplitude("x1"), curve.nhbm.amplitude("x1"), rtol=1e-12)
-
-
-def reasons(curve):
-    return curve.nhbm.details["reason"].values.tolist()
-
-
-def test_curves_that_end_early_are_reported():
-    model = duffing()
-    with pytest.warns(nhbm.NotConverged, match="limit of 12 points"):
-        curve = model.curve("tones[0]", 0.5, 2.5, order=3, points=12)
-    assert curve.sizes["point"] == 12 and reasons(curve) == 11 * ["none"] + ["points"]
-    with pytest.warns(nhbm.NotConverged, match="limit of 12 points"):
-        assert np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3, points=12)).all()
-    with pytest.warns(nhbm.NotConverged, match="limit of 12 points"):
-        found = model.peak_gradient("x1 (1)", ["spring.stiffness"], "tones[0]", 0.5, 2.5, order=3, points=12)
-    assert np.isnan([found.value, found.at, *found.slopes, *found.at_slopes]).all()
-    assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=3, max_step=0.2)).any()
-    assert not np.isnan(model.peak("x1 (1)", "tones[0]", 0.5, 2.5, order=1, max_step=0.005)).any(), "more points than a file has"
-    whole = model.curve("tones[0]", 0.5, 2.5, order=3, max_step=0.2)
-    assert set(reasons(whole)) == {"none"}
-
-
-def test_a_curve_that_ends_where_the_motion_vanishes_is_complete():
-    """A van der Pol oscillator, whose limit cycle vanishes where the damping equals the strength."""
-    model = Model(nhbm.Chain(n_masses=1, mass=1.0, ends="fixed-free", coupling_stiffness=1.0, damping_mass=0.05),
-                  tones={"unknown": [True]})  # fmt: skip
-    model.law("van_der_pol", "x1", strength=0.3)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", nhbm.NotConverged)
-        curve = model.curve("structure%damping_mass", 0.05, 0.4, order=5)
-    assert curve["status"][-1] == "collapsed"
-
-
-GRAZE = 1.4106735979666  # where the motion without impacts reaches the wall, (1 - w**2)**2 + (0.1 w)**2 = 1
-
-
-def grazing():
-    model = Model(nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1),
-                  tones=[1.411])  # fmt: skip
-    model.load("x1", 1, cos=1.0)
-    model.law("rigid_wall", "x1", gap=1.0, restitution=0.9)
-    return model
-
-
-def test_a_curve_that_turns_at_a_graze_is_reported():
-    """Motions with a slow impact lead back from there."""
-    with pytest.warns(nhbm.NotConverged, match="returned to 1.411 without reaching 1.408"):
-        curve = grazing().curve("tones[0]", 1.411, 1.408, order=3, points=40)
-    located = curve.isel(point=np.isin(curve["curve_kind"], ["grazing", "fold"]))
-    assert located["curve_kind"].values.tolist() == ["grazing", "fold"]
-    np.testing.assert_allclose(located["tones_frequency"], GRAZE, atol=1e-6)
-
-
-def test_a_curve_that_ends_at_a_graze_is_reported():
-    """The value lies between the graze and the motions with an impact."""
-    with pytest.warns(nhbm.NotConverged, match="ended where a wall is grazed"):
-        curve = grazing().curve("tones[0]", 1.4108, 1.408, order=3, points=40, values=[GRAZE + 1e-7])
-    assert curve["curve_kind"][-1] == "grazing" and reasons(curve)[-1] == "grazing" and set(reasons(curve)[:-1]) == {"none"}
-    assert float(curve["tones_frequency"][-1]) == pytest.approx(GRAZE, abs=1e-6)
-
-
-@pytest.mark.long
-def test_sweeps_are_spread_over_processes():
-    model = duffing(spring=cubic)
-    model.law(nhbm.law(cubic, odd=True), "x1", label="spring")
-    values = {"load[0].cos": [0.1, 0.3], "tones[0]": np.linspace(0.6, 0.9, 4)}
-    alone = model.sweep(values, order=5)
-    assert alone.sizes["point"] == 8 and alone["load_1_cos"].values.tolist() == [0.1] * 4 + [0.3] * 4
-    assert bool(alone.nhbm.is_converged.all())
-    together = model.sweep(values, order=5, workers=2)
-    same(together["coefficients"].values, alone["coefficients"].values, "coefficients")
-
-
-def wait(model):
-    time.sleep(60)
-    return 1.0
-
-
-def test_an_interrupt_ends_the_processes_of_a_sweep():
-    """They ended what they had begun, and what was left: minutes."""
-    started = time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        threading.Timer(3.0, os.kill, (os.getpid(), signal.SIGINT)).start()
-        duffing().sweep({"load[0].cos": [0.1, 0.2, 0.3, 0.4]}, order=3, of=wait, workers=2)
-    assert time.monotonic() - started < 40 and not multiprocessing.active_children()
-
-
-def test_what_cannot_be_sent_to_processes_is_named():
-    def local(q):
-        return q**3
-
-    model = duffing(spring=cubic)
-    model.law(nhbm.law(local, odd=True), "x1", label="spring")
-    with pytest.raises(nhbm.ModelError, match=r"processes of `workers` cannot be sent.*local.*top level of a module"):
-        model.sweep({"load[0].cos": [0.1, 0.3]}, order=5, workers=2)
-    assert model.sweep({"load[0].cos": [0.1, 0.3]}, order=5).sizes["point"] == 2
-
-
-def test_sweeps_are_spread_over_ranks(tmp_path):
-    """Each rank has the whole dataset, with the same bits as one process."""
-    pytest.importorskip("mpi4py")
-    (tmp_path / "ranks.py").write_text(
-        "import numpy as np\nfrom mpi4py import MPI\nfrom in_process import duffing\n"
-        "found = duffing().sweep({'tones[0]': np.linspace(0.6, 0.9, 5)}, order=5, comm=MPI.COMM_WORLD)\n"
-        "np.save(f'rank_{MPI.COMM_WORLD.Get_rank()}.npy', found['coefficients'].values)\n"
-    )
-    path = os.pathsep.join([str(Path(__file__).parent), *sys.path])
-    command = [os.environ.get("MPIEXEC", "mpirun"), "-n", "2", sys.executable, "ranks.py"]
-    subprocess.run(command, cwd=tmp_path, env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": path}, check=True, timeout=600)
-    alone = duffing().sweep({"tones[0]": np.linspace(0.6, 0.9, 5)}, order=5)["coefficients"].values
-    for rank in range(2):
-        assert np.array_equal(np.load(tmp_path / f"rank_{rank}.npy"), alone)
 
 
 def test_what_is_refused_leaves_the_model_as_it_was():
@@ -707,22 +498,6 @@ def test_a_call_that_is_interrupted_leaves_the_model_as_it_is(monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             model.response("x1 (1)", order=5)
         assert model.response("x1 (1)", order=5) == expected
-
-
-def test_a_curve_begins_between_its_ends():
-    """The key `start` of &curve, whose name the range has in Python."""
-    keys = {"order": 5, "max_step": 0.2}
-    whole = duffing().curve("tones[0]", 0.5, 2.5, **keys)
-    curve = duffing().curve("tones[0]", 0.5, 2.5, **keys, first=0.7)
-    begin = curve.isel(point=curve["curve_kind"].values == "start")
-    assert begin["tones_frequency"].values.tolist() == [0.7]
-    assert float(curve["curve_length"].min()) < 0 < float(curve["curve_length"].max())
-    for data in (whole, curve):
-        assert sorted(data["tones_frequency"].values[data["curve_kind"] == "end"].tolist())[-1] == 2.5
-    np.testing.assert_allclose(curve["tones_frequency"].min(), 0.5)
-    assert duffing().peak("x1", "tones[0]", 0.5, 2.5, **keys, first=0.7).at == pytest.approx(
-        duffing().peak("x1", "tones[0]", 0.5, 2.5, **keys).at, rel=1e-8
-    )
 
 
 def test_a_free_decay_has_no_tones():
