@@ -189,13 +189,24 @@ hb_place_packages() {
    done
 }
 
-# Process groups of what goes on in the background, which end with the script.
+# Process groups of what goes on in the background, which end with the script; a package manager that is stopped half-way would
+# refuse whatever follows, and is waited for.
 hb_started=()
+hb_end_started() {
+   local group
+   for group in "${hb_started[@]}"; do
+      if grep -qsE "^[0-9]+ \(apt-get\) . [0-9]+ $group " /proc/[0-9]*/stat; then
+         hb_say "Waiting for the packages that are being installed"
+         wait "$group" || true
+      else
+         kill -- "-$group" 2>/dev/null || true
+      fi
+   done
+}
 # Starts a command in the background, whose output goes to a file: hb_start LOG COMMAND...; its process is in hb_last.
 hb_start() {
    if ((${#hb_started[@]} == 0)); then
-      # shellcheck disable=SC2154 # group is the variable of the loop
-      trap 'for group in "${hb_started[@]}"; do kill -- "-$group" 2>/dev/null || true; done' EXIT
+      trap hb_end_started EXIT
       trap 'exit 130' INT TERM
    fi
    set -m # a process group of its own, which can be ended as a whole
