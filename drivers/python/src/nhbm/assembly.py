@@ -1,4 +1,4 @@
-"""Parts put together in one model: their positions, and pairs of nodes where they meet."""
+"""Parts put together in one model: their positions, and pairs of nodes or surfaces where they meet."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from scipy.linalg import block_diag
 from scipy.spatial import cKDTree
 
 from nhbm.errors import ModelError
-from nhbm.structure import MATRICES, Recovery, Structure
+from nhbm.structure import MATRICES, Contact, Recovery, Structure
+from nhbm.surfaces import contact
 
 
 def assemble(parts: dict[str, Structure], offsets: dict[str, tuple[float, ...]] | None = None) -> Structure:
@@ -21,6 +22,9 @@ def assemble(parts: dict[str, Structure], offsets: dict[str, tuple[float, ...]] 
     if unknown:
         raise ModelError(f"there is no part '{sorted(unknown)[0]}'; parts: {', '.join(parts)}")
     models = list(parts.values())
+    joined = [name for name, model in parts.items() if model.contacts]
+    if joined:
+        raise ModelError(f"part '{joined[0]}' has contacts between surfaces: name these when all parts are put together")
     are_reduced = [model.recovery is not None for model in models]
     if any(are_reduced) and not all(are_reduced):
         one, other = (list(parts)[are_reduced.index(is_reduced)] for is_reduced in (True, False))
@@ -106,3 +110,15 @@ def add_pair(model: Structure, name: str, first: str, second: str, within: float
     model.sets |= {f"{name}_1": a, f"{name}_2": b}
     model.validate()
     return len(a)
+
+
+def add_surfaces(model: Structure, name: str, first: str, second: str, within: float = 0.0) -> Contact:
+    """Names the contact between two sets of nodes whose faces meet, or are no farther apart than `within` [m], whatever their
+    meshes; `reduce` keeps its directions `<name>.n`, `.s` and `.t`."""
+    if name in model.contacts or name in model.sets:
+        raise ModelError(f"there is a set or a contact '{name}' already")
+    if model.recovery is not None:
+        raise ModelError("the model is reduced: name the surfaces of the full one")
+    model.contacts[name] = contact(model, first, second, within)
+    model.validate()
+    return model.contacts[name]

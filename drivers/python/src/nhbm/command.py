@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells
+from nhbm import __version__, assembly, cyclic, examples, importing, reduction, rotors, shells, surfaces
 from nhbm.arguments import Parser
 from nhbm.checks import check
 from nhbm.child_process import is_input, run_in_child_process
 from nhbm.errors import Implausible, ModelError, NotConverged
 from nhbm.factors import dense_modes, symmetric_part
-from nhbm.structure import MATRICES, Structure
+from nhbm.structure import CONTACT_DIRECTIONS, MATRICES, Structure
 
 OK, NOT_GOOD, WRONG, INTERRUPTED = 0, 1, 2, 3
 _UNITS = {"young": "[Pa]", "density": "[kg/m3]"} | dict.fromkeys(
@@ -181,10 +181,23 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--at", action="append", default=[], metavar="NAME=X,Y,Z", help="shift a part")
     verb.add_argument("--pair", action="append", default=[], metavar="NAME=SET,SET",
                       help="pair of coincident nodes of two sets, named NAME_1 and NAME_2")  # fmt: skip
-    verb.add_argument("--within", type=float, default=0.0, metavar="M", help="largest distance of the nodes of a pair")
+    verb.add_argument("--surfaces", action="append", default=[], metavar="NAME=SET,SET",
+                      help="contact between faces of two sets, whose meshes may differ: directions NAME.n, NAME.s, NAME.t")  # fmt: skip
+    verb.add_argument("--within", type=float, default=0.0, metavar="M", help="largest distance of nodes of a pair, or of surfaces")
     verb.add_argument("--partial", action="store_true", help="nodes of both sets of a pair may meet none of the other set")
     _loads(verb)
     _output(verb)
+
+    verb = add("laws", "one law for each point of a contact between surfaces, as groups of an input")
+    verb.set_defaults(run=run_laws)
+    verb.add_argument("model", help="model file, reduced to the directions of the contact, or whole")
+    verb.add_argument("contact", metavar="NAME", help="name of the surfaces")
+    verb.add_argument("--type", required=True, metavar="TYPE", help="type of the law: elastic_stop, jenkins, jenkins_2d, ...")
+    verb.add_argument("--per-area", action="append", default=[], metavar="KEY=VALUE",
+                      help="value for each unit of area: stiffness [N/m3], preload [N/m2], ...")  # fmt: skip
+    verb.add_argument("--key", action="append", default=[], metavar="KEY=VALUE", help="value of each law: friction_coefficient=0.3")
+    verb.add_argument("--along", default="", choices=CONTACT_DIRECTIONS,
+                      help="direction of a law of one coordinate (default: s for friction, else n)")  # fmt: skip
 
     verb = add("reduce", "reduce a large model, with error estimate")
     verb.set_defaults(run=run_reduce)
@@ -339,6 +352,8 @@ def run_info(options: Any) -> int:
         found = [d for node, d in zip(model.dof_node, model.dof_direction) if node in chosen]
         directions = ", ".join(f"{name}.{d}" for d in dict.fromkeys(found))
         print(f"set {name}: {len(nodes)} node{'s' * (len(nodes) != 1)}; {directions}")
+    for name, contact in model.contacts.items():
+        print(f"surfaces {name}: {len(contact.areas)} points, area {contact.areas.sum():.6g}")
     for name, (dofs, _) in model.loads.items():
         print(f"load {name}: {len(dofs)} entries")
     if model.recovery is not None:
@@ -377,11 +392,11 @@ def _position(text: str, position: str) -> tuple[float, ...]:
     return x, y, z
 
 
-def _two_sets(text: str) -> tuple[str, str, str]:
-    name, sets = _named("--pair", text, "NAME=SET,SET")
+def _two_sets(option: str, text: str) -> tuple[str, str, str]:
+    name, sets = _named(option, text, "NAME=SET,SET")
     first, comma, second = sets.partition(",")
     if not comma:
-        raise ModelError(f"--pair {text}: give NAME=SET,SET")
+        raise ModelError(f"{option} {text}: give NAME=SET,SET")
     return name, first, second
 
 
@@ -413,7 +428,7 @@ def run_wheel(options: Any) -> int:
         for diameter in range(n // 2 + 1):
             shown = "  ".join(f"{w:.6g}" for w in cyclic.frequencies(sector, diameter, options.frequencies))
             print(f"{diameter:15d}: {shown}")
-    neighbours = {name: (high, low) for name, high, low in map(_two_sets, options.neighbours)}
+    neighbours = {name: (high, low) for name, high, low in (_two_sets("--neighbours", text) for text in options.neighbours)}
     waves = {name: wave for name, wave in map(_wave, options.wave)}
     if options.keep:
         h = options.diameter
@@ -458,11 +473,34 @@ def run_assemble(options: Any) -> int:
     offsets = {name: _position(text, offset) for text in options.at for name, offset in [_named("--at", text, "NAME=X,Y,Z")]}
     model = assembly.assemble(parts, offsets)
     for text in options.pair:
-        name, first, second = _two_sets(text)
+        name, first, second = _two_sets("--pair", text)
         print(f"pair {name}: {assembly.add_pair(model, name, first, second, options.within, options.partial)} nodes")
+    for text in options.surfaces:
+        name, first, second = _two_sets("--surfaces", text)
+        found = assembly.add_surfaces(model, name, first, second, options.within)
+        apart = f", up to {found.gaps.max():.3g} apart" if found.gaps.max() > 0.0 else ""
+        print(f"surfaces {name}: {len(found.areas)} points, area {found.areas.sum():.6g}{apart}")
     _add_loads(model, options.load)
     model.validate()
     _write(model, options)
+    return OK
+
+
+def run_laws(options: Any) -> int:
+    values = []
+    for option, texts in (("--per-area", options.per_area), ("--key", options.key)):
+        given = {}
+        for text in texts:
+            key, value = _named(option, text, "KEY=VALUE")
+            try:
+                given[key] = float(value)
+            except ValueError:
+                raise ModelError(f"{option} {text}: '{value}' is no number") from None
+        values.append(given)
+    for law in surfaces.laws(Structure.read(options.model), options.contact, options.type, values[0], options.along, **values[1]):
+        kind = law.pop("kind")
+        texts = [f"{key} = {', '.join(map(repr, value)) if isinstance(value, list) else repr(value)}" for key, value in law.items()]
+        print(f"&law type = '{kind}', {', '.join(texts)} /")
     return OK
 
 

@@ -42,6 +42,8 @@ def sector_of(model: Structure, n_sectors: int, low: str, high: str) -> Sector:
     """Prepares a sector of which the set `low`, turned by 2 pi/n_sectors, meets the set `high`."""
     if n_sectors < 3:
         raise ModelError(f"a wheel has three sectors or more, not {n_sectors}")
+    if model.contacts:
+        raise ModelError("a sector has no contacts between surfaces: pair sets of neighbours (--neighbours)")
     for name in (low, high):
         if name not in model.sets:
             raise ModelError(f"there is no set '{name}'; sets: {', '.join(model.sets) or 'none'}")

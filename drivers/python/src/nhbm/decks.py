@@ -39,8 +39,9 @@ _WEDGE_EDGES = ((0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), 
 
 
 def _with_middles(faces: Any, edges: Any, n_corners: int) -> tuple[tuple[int, ...], ...]:
-    """Faces with the nodes in the middle of their edges."""
-    return tuple((*face, *(n_corners + k for k, (a, b) in enumerate(edges) if a in face and b in face)) for face in faces)
+    """Faces with the nodes in the middle of their edges: first the corners, then the middle behind each of them."""
+    middle = {frozenset(edge): n_corners + k for k, edge in enumerate(edges)}
+    return tuple((*face, *(middle[frozenset(edge)] for edge in zip(face, (*face[1:], face[0])))) for face in faces)
 
 
 def _shape(n: int, vtk: int, faces: Any = (), order: Any = None) -> Shape:
@@ -52,6 +53,10 @@ _SOLIDS = {
     10: _shape(10, 24, _with_middles(_TET, _TET_EDGES, 4)),
     15: _shape(15, 26, _with_middles(_WEDGE, _WEDGE_EDGES, 6)), 20: _shape(20, 25, _with_middles(_HEX, _HEX_EDGES, 8)),
 }  # fmt: skip
+# by the VTK type of a solid cell: number of corners of each face, and its places in the cell
+FACES_OF_CELLS = {
+    shape.vtk: tuple((len(face) if n <= 8 else len(face) // 2, face) for face in shape.faces) for n, shape in _SOLIDS.items()
+}
 _PLANES = {3: _shape(3, 5, _TRIANGLE), 4: _shape(4, 9, _QUAD), 6: _shape(6, 22, _with_middles(_TRIANGLE, _TRIANGLE, 3)),
            8: _shape(8, 23, _with_middles(_QUAD, _QUAD, 4))}  # fmt: skip
 _SHELLS = {n: _shape(n, shape.vtk) for n, shape in _PLANES.items()}

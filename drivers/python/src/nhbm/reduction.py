@@ -25,7 +25,8 @@ import scipy.sparse.linalg as spla
 
 from nhbm.errors import ModelError
 from nhbm.factors import Factors, dense_values, lowest_modes, symmetric_part
-from nhbm.structure import Structure, Recovery
+from nhbm.structure import CONTACT_DIRECTIONS, Recovery, Structure
+from nhbm.surfaces import contact_of, relative_motion
 
 MODAL = ("free-interface", "craig-bampton")  # with a number of modes
 METHODS = ("krylov", *MODAL)
@@ -71,7 +72,7 @@ def reduce(
     relative to its largest entry there. Degrees of freedom of dashpots and bearings are retained then, too.
 
     The name of a pair, `joint.z` of the sets `joint_1` and `joint_2`, keeps the motion of the first relative to the second, node by
-    node, as that of nodes of its own, which form the set `joint`.
+    node, as that of nodes of its own, which form the set `joint`; likewise that of a contact between surfaces, `joint.n`.
     """
     if method not in METHODS:
         raise ModelError(f"method '{method}' is not known; known: {', '.join(METHODS)}")
@@ -81,10 +82,17 @@ def reduce(
         raise ModelError("the model is reduced already; reduce the full one")
     if abs(model.mass - model.mass.T).max() > ASYMMETRY * abs(model.mass).max():
         raise ModelError("the mass is not symmetric (nhbm-model check reports where)")
+    of_contacts = [name for name in keep if contact_of(model, name)]
+    if of_contacts:
+        others = [name for name in keep if name not in of_contacts]
+        rows = {f"{name} {i}": row for name in of_contacts for i, row in enumerate(relative_motion(model, name))}
+        loads = {name: (row.indices, row.data) for name, row in rows.items()}
+        pushed = replace(model, loads=model.loads | loads, contacts={})
+        return _with_contacts(model, of_contacts, reduce(pushed, others, n_modes, method, up_to, tolerance), len(loads))
     full = model
     model, turn = _relative(model, keep)
     retained = list(dict.fromkeys(dof for name in keep for dof in model.dofs_of(name)))
-    if not retained:
+    if not retained and not model.loads:
         raise ModelError("no degrees of freedom are retained; name those of laws and loads")
     n_shapes = len(retained) + len(model.loads) + (n_modes if method in MODAL else 0)
     if n_shapes > LARGEST_REDUCED[method]:
@@ -98,8 +106,8 @@ def reduce(
         basis = space.grown(tolerance)
     else:
         make = _craig_bampton if method == "craig-bampton" else _free_interface
-        basis = make(_without_circulation(model), np.array(retained), n_modes)
-    reduced = _project(model, np.array(retained), basis, method)
+        basis = make(_without_circulation(model), np.array(retained, dtype=int), n_modes)
+    reduced = _project(model, np.array(retained, dtype=int), basis, method)
     for columns in _blocks(reduced.n_dofs):
         reduced.recovery.matrix[:, columns] = turn @ reduced.recovery.matrix[:, columns]
     reduced.recovery = Recovery(reduced.recovery.matrix, full.dof_node, full.dof_direction)
@@ -185,6 +193,56 @@ def _relative(model: Any, keep: Any) -> tuple[Structure, sp.csr_matrix]:
         loads={name: (np.flatnonzero(column), column[column != 0]) for name, column in zip(model.loads, turned.T)},
     )
     return changed, turn
+
+
+def _with_contacts(model: Structure, names: list[str], small: Structure, n_loads: int) -> Structure:
+    """A reduced model, which answers forces at the points of contacts by its last `n_loads` loads, in coordinates of which these
+    points have one each for every name; the retained degrees of freedom remain."""
+    n, kept = small.n_dofs, [i for i, node in enumerate(small.dof_node) if node >= 0]
+    others = np.setdiff1d(np.arange(n), kept)
+    rows = sp.vstack([relative_motion(model, name) for name in names]) @ small.recovery.matrix
+    turn, triangle = np.linalg.qr(rows[:, others].T, mode="complete")
+    n_points = len(rows)
+    sizes = np.abs(np.diag(triangle))
+    if len(sizes) < n_points or sizes.min() <= DEPENDENT * sizes.max():
+        raise ModelError(f"the points of {', '.join(names)} do not move independently: use a first surface with a coarser mesh")
+    change = np.zeros((n, n))
+    change[kept, np.arange(len(kept))] = 1.0
+    points, rest = slice(len(kept), len(kept) + n_points), slice(len(kept) + n_points, n)
+    change[others, points] = scipy.linalg.solve_triangular(triangle[:n_points], turn[:, :n_points].T).T
+    change[others, : len(kept)] = -change[others, points] @ rows[:, kept]
+    change[others, rest] = turn[:, n_points:]
+    numbers, coordinates, sets, contacts = small.node_numbers, small.coordinates, dict(small.sets), {}
+    nodes, directions, labels = list(small.dof_node[kept]), [small.dof_direction[i] for i in kept], [small.labels[i] for i in kept]
+    for name in names:
+        stem, direction = contact_of(model, name) or ("", "")
+        contact = model.contacts[stem]
+        if stem not in contacts:
+            contacts[stem] = replace(contact, weights=None)
+            sets[stem] = len(numbers) + np.arange(len(contact.areas))
+            numbers = np.concatenate([numbers, max(numbers) + 1 + np.arange(len(contact.areas))])
+            coordinates = np.vstack([coordinates, contact.points])
+        nodes += list(sets[stem])
+        directions += [direction] * len(contact.areas)
+        labels += [f"n{numbers[node]}.{direction}" for node in sets[stem]]
+    n_rest = n - len(labels)
+    loads = change.T @ load_matrix(small)[:, : len(small.loads) - n_loads]
+    turned = replace(
+        small,
+        **{name: sp.csr_matrix(change.T @ matrix @ change) for name, matrix in small.matrices().items()},
+        labels=[*labels, *(f"q{i + 1}" for i in range(n_rest))],
+        units=["m"] * n,
+        node_numbers=numbers,
+        coordinates=coordinates,
+        dof_node=np.array([*nodes, *[-1] * n_rest]),
+        dof_direction=[*directions, *[""] * n_rest],
+        sets=sets,
+        loads={name: (np.flatnonzero(column), column[column != 0]) for name, column in zip(small.loads, loads.T)},
+        recovery=None,
+    )
+    found = _project(turned, np.arange(len(labels)), np.identity(n), MODAL[0])
+    basis = small.recovery.matrix @ (change @ found.recovery.matrix)
+    return replace(found, contacts=contacts, up_to=small.up_to, source=small.source, recovery=replace(small.recovery, matrix=basis))
 
 
 def is_symmetric(model: Structure) -> bool:
@@ -273,8 +331,11 @@ def _free_interface(model: Any, retained: Any, n_modes: Any) -> np.ndarray:
     for rows in _blocks(model.n_dofs, 16):
         attachment[rows] -= modes[rows] @ amplitudes
     scale = np.sqrt(np.diag(flexible))
+    left, forces = np.zeros(0), np.zeros((0, 0))
     try:
-        left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / np.outer(scale, scale) for a in (attachment[retained, :n], flexible)))
+        if n > 0:
+            unit = np.outer(scale, scale)
+            left, forces = scipy.linalg.eigh(*((a + a.T) / 2 / unit for a in (attachment[retained, :n], flexible)))
     except np.linalg.LinAlgError:
         raise ModelError("the retained degrees of freedom do not move independently: keep fewer") from None
     some = left > MIN_LEFT
@@ -311,6 +372,8 @@ def _boundary_and_inner(at_retained: Any) -> tuple[np.ndarray, np.ndarray]:
     """Combinations of shapes, from their motion at the retained degrees of freedom (n_retained, n_shapes): those with one at each
     of these, and those that are zero there."""
     n = len(at_retained)
+    if n == 0:
+        return np.zeros((at_retained.shape[1], 0)), np.identity(at_retained.shape[1])
     turn, triangle = np.linalg.qr(at_retained.T, mode="complete")
     return scipy.linalg.solve_triangular(triangle[:n], turn[:, :n].T).T, turn[:, n:]
 
@@ -561,10 +624,19 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
     to what rounding leaves where the motion is large.
     """
     started = time.perf_counter()
+    whole = model
     model, turn = _relative(model, [f"{name}.{d}" for name in reduced.sets for d in set(reduced.dof_direction) if d])
     index = {label: i for i, label in enumerate(model.labels)}
     retained = [i for i, label in enumerate(reduced.labels) if label in index]
     full = [index[reduced.labels[i]] for i in retained]
+    seen = sp.identity(model.n_dofs, format="csr")[full]
+    for name in reduced.contacts:
+        for direction in CONTACT_DIRECTIONS:
+            along = np.array(reduced.dof_direction) == direction
+            at = np.flatnonzero(along & np.isin(reduced.dof_node, reduced.sets[name])).tolist()
+            if at:
+                retained += at
+                seen = sp.vstack([seen, relative_motion(whole, f"{name}.{direction}") @ turn], format="csr")
     frequencies = np.atleast_1d(np.asarray(frequencies, dtype=float))
     shift = 1.0e-9 * float(np.median(model.stiffness.diagonal()) / np.median(model.mass.diagonal()))
     symmetric = symmetric_part(model.stiffness)
@@ -577,11 +649,10 @@ def compare(model: Structure, reduced: Structure, frequencies: Any, loss: float 
         del b
         exact = np.zeros((len(retained), len(columns)), dtype=complex)
         for i, c in enumerate(columns):
-            unit = np.zeros(model.n_dofs, dtype=complex)
-            unit[full[c]] = 1.0
+            unit = seen[c].toarray()[0].astype(complex)
             recovered = (reduced.recovery.matrix @ np.column_stack([small[:, i].real, small[:, i].imag])) @ [1.0, 1.0j]
             guess = 2 * recovered - turn @ recovered  # the inverse of turn
-            exact[:, i] = _solve(a, unit, guess, factors)[full]
+            exact[:, i] = seen @ _solve(a, unit, guess, factors)
         difference = np.abs(small[retained] - exact).max()
         errors.append(difference / np.abs(exact).max())
     ours = resonances(replace(reduced, gyroscopic=None, stiffness=symmetric_part(reduced.stiffness)), frequencies.max())

@@ -24,6 +24,9 @@ BY_SPEED = (
     "gyroscopic_by_speed_2", "stiffness_by_speed_2", "stiffness_by_speed_squared_2",
 )  # fmt: skip
 MATRICES = ("mass", "stiffness", "damping", "gyroscopic", "structural", *BY_SPEED)
+MATRIX_PARTS = ("data", "indices", "indptr")
+CONTACT_PARTS = ("areas", "frames", "gaps", "points")
+CONTACT_DIRECTIONS = ("n", "s", "t")
 MAX_LABEL = 16
 LARGEST_IMAGE = 2**28  # bytes of a matrix that a file is first made with in memory
 ROWS = 4096  # written at a time, of a matrix that may not be contiguous
@@ -39,6 +42,22 @@ class Recovery:
     matrix: np.ndarray  # (n_full, n_dofs)
     node: np.ndarray  # (n_full), index into the nodes, -1 for none
     direction: list[str]  # (n_full)
+
+
+@dataclass
+class Contact:
+    """Points where two surfaces face each other; their motion relative to each other has the directions n, positive in compression,
+    s and t. In a reduced model they are the nodes of the set with the name of the contact."""
+
+    weights: sp.csr_matrix | None  # (points, nodes) of the motion of the nodes, along each axis; None: in a reduced model
+    areas: np.ndarray  # (points) [m2]
+    frames: np.ndarray  # (points, 3, 3), unit vectors n, s, t in rows; n is the outward normal of the first surface
+    gaps: np.ndarray  # (points), distance of the surfaces at rest, as the meshes have it [m]
+    points: np.ndarray  # (points, 3), positions
+
+    def along(self, direction: str) -> np.ndarray:
+        """Unit vectors of a direction n, s or t (points, 3)."""
+        return self.frames[:, CONTACT_DIRECTIONS.index(direction)]
 
 
 @dataclass
@@ -69,6 +88,7 @@ class Structure:
     cell_nodes: np.ndarray = field(default_factory=lambda: _NO_INTEGERS)
     sets: dict[str, np.ndarray] = field(default_factory=dict)  # indices of nodes
     loads: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)  # degrees of freedom, values
+    contacts: dict[str, Contact] = field(default_factory=dict)  # between surfaces, by their names
     unit_system: str = "m kg s"
     source: str = ""
     recovery: Recovery | Any = None  # None: there is none
@@ -143,6 +163,16 @@ class Structure:
                 raise ModelError(f"set '{name}' names a node that there is not; there are 0 to {n_nodes - 1}")
             if len(np.unique(nodes)) != len(nodes):
                 raise ModelError(f"set '{name}' names a node twice")
+        for name, contact in self.contacts.items():
+            n_points = len(contact.areas)
+            shapes = {"frames": (n_points, 3, 3), "gaps": (n_points,), "points": (n_points, 3)}
+            for part, shape in shapes.items():
+                if np.shape(getattr(contact, part)) != shape:
+                    raise ModelError(f"contact '{name}': {part} are {np.shape(getattr(contact, part))}, expected {shape}")
+            if contact.weights is not None and contact.weights.shape != (n_points, n_nodes):
+                raise ModelError(f"contact '{name}': weights are {contact.weights.shape}, expected ({n_points}, {n_nodes})")
+            if contact.weights is None and len(self.sets.get(name, ())) != n_points:
+                raise ModelError(f"contact '{name}' has {n_points} points, its set {len(self.sets.get(name, ()))} nodes")
         for name, (dofs, values) in self.loads.items():
             if len(dofs) != len(values):
                 raise ModelError(f"load '{name}' has {len(dofs)} degrees of freedom and {len(values)} values")
@@ -227,6 +257,12 @@ class Structure:
         file["cells/nodes"] = np.asarray(self.cell_nodes, dtype=np.int64)
         _write_lists(file, "sets", {name: (nodes,) for name, nodes in self.sets.items()}, ("nodes",), texts)
         _write_lists(file, "loads", self.loads, ("dofs", "values"), texts)
+        for name, contact in self.contacts.items():
+            for part in CONTACT_PARTS:
+                file[f"contacts/{name}/{part}"] = getattr(contact, part)
+            if contact.weights is not None:
+                for part in MATRIX_PARTS:
+                    file[f"contacts/{name}/weights/{part}"] = getattr(contact.weights, part)
         if self.recovery is not None:
             matrix = self.recovery.matrix
             dataset = file.create_dataset("recovery/matrix", matrix.shape, float)
@@ -291,6 +327,8 @@ class Structure:
                 "cell_starts": _values(file, "cells/indptr"),
                 "cell_nodes": _values(file, "cells/nodes"),
             }
+        n_nodes = len(more.get("node_numbers", ()))
+        more["contacts"] = {name: _contact(file[f"contacts/{name}"], n_nodes) for name in file.get("contacts", ())}
         if "recovery" in file:
             matrix, node = _values(file, "recovery/matrix"), _values(file, "recovery/node")
             more["recovery"] = Recovery(matrix, node, _texts(file, "recovery/direction"))
@@ -308,6 +346,17 @@ class Structure:
             **matrices,
             **more,
         )
+
+
+def _contact(group: h5py.Group, n_nodes: int) -> Contact:
+    import scipy.sparse as sp
+
+    values = {part: _values(group, part) for part in CONTACT_PARTS}
+    weights = None
+    if "weights" in group:
+        weights = sp.csr_matrix(tuple(_values(group, f"weights/{part}") for part in MATRIX_PARTS), (len(values["areas"]), n_nodes))
+        weights.check_format()
+    return Contact(weights, **values)
 
 
 def dofs_of_sets(structure: Structure) -> dict[str, str]:
