@@ -53,7 +53,7 @@ class Contact:
     areas: np.ndarray  # (points) [m2]
     frames: np.ndarray  # (points, 3, 3), unit vectors n, s, t in rows; n is the outward normal of the first surface
     gaps: np.ndarray  # (points), distance of the surfaces at rest, as the meshes have it [m]
-    points: np.ndarray  # (points, 3), positions
+    points: np.ndarray  # (points, 3), centroids of their areas
 
     def along(self, direction: str) -> np.ndarray:
         """Unit vectors of a direction n, s or t (points, 3)."""

@@ -113,7 +113,7 @@ def contact(model: Structure, first: str, second: str, within: float = 0.0) -> C
     tree = cKDTree([face.corners.mean(axis=0) for face in theirs])
     largest = max(face.diameter for face in theirs)
     rows, columns, values = [], [], []
-    areas, gaps, normals = (np.zeros((len(model.node_numbers), n)) for n in (1, 1, 3))
+    areas, gaps, normals, places = (np.zeros((len(model.node_numbers), n)) for n in (1, 1, 3, 3))
     closest = np.inf
     for face in ours:
         allowed = max(within, TOUCHING * face.diameter)
@@ -121,7 +121,7 @@ def contact(model: Structure, first: str, second: str, within: float = 0.0) -> C
             other = theirs[k]
             if face.normal @ other.normal > FACING:
                 continue
-            weights, inside, points, across = _overlap(face, other)
+            weights, inside, there, across = _overlap(face, other)
             if not len(weights):
                 continue
             distance = abs(across).min()
@@ -131,7 +131,7 @@ def contact(model: Structure, first: str, second: str, within: float = 0.0) -> C
             n = len(face.corners)
             test = _shapes(n, n, inside).T * weights  # (corners, points)
             ours_here = test @ _shapes(n, len(face.nodes), inside)
-            theirs_here = test @ _shapes(len(other.corners), len(other.nodes), points)
+            theirs_here = test @ _shapes(len(other.corners), len(other.nodes), there)
             for j, node in enumerate(face.nodes[:n]):
                 rows += [node] * (len(face.nodes) + len(other.nodes))
                 columns += [*face.nodes, *other.nodes]
@@ -140,6 +140,7 @@ def contact(model: Structure, first: str, second: str, within: float = 0.0) -> C
             areas[here, 0] += test.sum(axis=1)
             gaps[here, 0] += test @ across
             normals[here] += test.sum(axis=1)[:, None] * face.normal
+            places[here] += test @ _shapes(n, n, inside) @ face.corners
     points = np.flatnonzero(areas[:, 0] > SLIVER * areas.max())
     if not len(points):
         apart = f"; the closest faces are {closest:.3g} apart: give --within" if np.isfinite(closest) else ""
@@ -149,7 +150,7 @@ def contact(model: Structure, first: str, second: str, within: float = 0.0) -> C
     of_points = areas[points, 0]
     weights = csr_matrix(weights.multiply(1.0 / of_points[:, None]))
     return Contact(weights, of_points, np.array([_frame(normal) for normal in normals[points]]), gaps[points, 0] / of_points,
-                   model.coordinates[points])  # fmt: skip
+                   places[points] / of_points[:, None])  # fmt: skip
 
 
 def contact_of(model: Structure, name: str) -> tuple[str, str] | None:
