@@ -5,7 +5,7 @@
 module hb_base_motion
    use hb_balance, only: balance_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, transfer_coefficients
+   use hb_harmonics, only: coefficients_in, harmonics_t
    use hb_kinds, only: wp
    use hb_modes, only: modes_t, new_modes
    use hb_outcome, only: outcome
@@ -46,8 +46,7 @@ contains
       x = linear
       call solve(balance, config, linear, x, self%report)
       if (self%report%status == outcome%converged) u = reshape(x, shape(u))
-      allocate (self%u(harmonics%n_coefficients, balance%n_dofs))
-      call transfer_coefficients(balance%harmonics, harmonics, u, self%u)
+      allocate (self%u, source=coefficients_in(harmonics, balance%harmonics, u))
       self%is_forced = any(abs(u(2:, :)) > 0.0_wp)                    ! the zero tuple is the first one
       call find_modes()
 

@@ -12,7 +12,7 @@ module hb_error_estimate
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_contact_stiffness, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t, fail
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
-   use hb_harmonics, only: canonical_sign, harmonics_t, transfer_coefficients
+   use hb_harmonics, only: canonical_sign, coefficients_in, harmonics_t
    use hb_impact_energy, only: impact_energy
    use hb_kinds, only: wp
    use hb_law_measure, only: law_measure_t, new_law_measure
@@ -246,8 +246,7 @@ contains
          self%frequency_error(problem%tones) = balance%omega(problem%tones)
       end select
       if (is_lost .or. is_interrupted()) return
-      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs))
-      call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
+      allocate (big, source=coefficients_in(wide%harmonics, balance%harmonics, u))
       call new_wide_problem(whole, wide, balance, problem, tangent, size_of_motion)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
       call whole%find_residual(big, first, r, is_lost)
@@ -530,8 +529,8 @@ contains
       real(wp), pointer, contiguous :: samples(:, :)
       integer :: c, i
 
-      allocate (big(wide%harmonics%n_coefficients, wide%n_dofs), force(wide%harmonics%n_coefficients))
-      call transfer_coefficients(balance%harmonics, wide%harmonics, u, big)
+      allocate (big, source=coefficients_in(wide%harmonics, balance%harmonics, u))
+      allocate (force(wide%harmonics%n_coefficients))
       call wide%differentiate(big, error)
       if (allocated(error)) return
       self%defects = wide%law_set%defects()

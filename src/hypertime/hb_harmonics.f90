@@ -10,7 +10,7 @@ module hb_harmonics
    implicit none
    private
    public :: canonical_sign, coefficients_in, exceeds_largest_box, harmonics_t, new_box, new_diamond, new_harmonics, &
-      new_of_parity, new_subset, transfer_coefficients, tuple_text
+      new_of_parity, new_subset, tuple_text
 
    integer(int64), parameter :: largest_set = 20000000_int64         ! tuples of the box around a set; its table has one entry each
    integer, parameter :: max_harmonics = 4000000                     ! tuples of a set
@@ -375,11 +375,11 @@ contains
       positions = [(self%index_of(part%tuples(:, h)), h=1, part%n_harmonics)]
    end function harmonics_positions_of
 
-   !> Copies coefficients of the tuples in both sets; the others of `to` become zero.
-   pure subroutine transfer_coefficients(from_set, to_set, from, to)
-      type(harmonics_t), intent(in) :: from_set, to_set
+   !> Coefficients in another set, (to_set%n_coefficients, any): those of the tuples in both, zero of all others.
+   pure function coefficients_in(to_set, from_set, from) result(to)
+      type(harmonics_t), intent(in) :: to_set, from_set
       real(wp), intent(in) :: from(:, :)                              !! (from_set%n_coefficients, any)
-      real(wp), intent(out) :: to(:, :)                               !! (to_set%n_coefficients, any)
+      real(wp) :: to(to_set%n_coefficients, size(from, 2))
       integer :: h, k
 
       if (from_set%n_harmonics == to_set%n_harmonics) then             ! the usual case: points of a sweep
@@ -395,15 +395,6 @@ contains
          to(to_set%cos_at(h), :) = from(from_set%cos_at(k), :)
          if (to_set%sin_at(h) > 0) to(to_set%sin_at(h), :) = from(from_set%sin_at(k), :)
       end do
-   end subroutine transfer_coefficients
-
-   !> Coefficients in another set, likewise, (to_set%n_coefficients, any).
-   pure function coefficients_in(to_set, from_set, from) result(to)
-      type(harmonics_t), intent(in) :: to_set, from_set
-      real(wp), intent(in) :: from(:, :)                              !! (from_set%n_coefficients, any)
-      real(wp) :: to(to_set%n_coefficients, size(from, 2))
-
-      call transfer_coefficients(from_set, to_set, from, to)
    end function coefficients_in
 
    !> Angular frequencies j.omega [rad/s] of all harmonics, (n_harmonics); may be negative.

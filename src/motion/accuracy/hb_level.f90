@@ -6,7 +6,7 @@ module hb_level
    use hb_contact_parts, only: contact_parts_t                        ! gfortran 12 cannot write the module without it
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_harmonics, only: harmonics_t, new_box, new_harmonics, transfer_coefficients
+   use hb_harmonics, only: coefficients_in, harmonics_t, new_box, new_harmonics
    use hb_kinds, only: wp
    use hb_law, only: has_memory
    use hb_law_measure, only: law_measure_t
@@ -417,9 +417,7 @@ contains
       real(wp), allocatable :: u(:, :)
 
       associate (n => from_set%n_coefficients, n_all => size(x) - n_further)
-         allocate (u(to_set%n_coefficients, n_all/n))
-         call transfer_coefficients(from_set, to_set, reshape(x(:n_all), [n, n_all/n]), u)
-         moved = [u, x(n_all + 1:)]
+         moved = [coefficients_in(to_set, from_set, reshape(x(:n_all), [n, n_all/n])), x(n_all + 1:)]
       end associate
    end function transferred
 

@@ -3,7 +3,7 @@
 module hb_curve_request
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t, fail
-   use hb_harmonics, only: harmonics_t, new_harmonics, transfer_coefficients
+   use hb_harmonics, only: coefficients_in, harmonics_t, new_harmonics
    use hb_kinds, only: two_pi, wp
    use hb_level, only: degree_of, join, level_of, level_t, needed_samples
    use hb_located_response, only: located_response_t
@@ -85,9 +85,8 @@ contains
       if (allocated(error)) return
       call new_harmonics(same, tuples_here(other%tuples, is_torus), error)
       if (allocated(error)) return
-      allocate (self%u(self%level%harmonics%n_coefficients, n_coordinates))
-      call transfer_coefficients(same, self%level%harmonics, &
-                                 reshape(position%unknowns(:n - n_further), [other%n_coefficients, n_coordinates]), self%u)
+      allocate (self%u, source=coefficients_in(self%level%harmonics, same, &
+                                               reshape(position%unknowns(:n - n_further), [other%n_coefficients, n_coordinates])))
       associate (found => position%unknowns(n - n_further + 1:n - 1), value => position%unknowns(n), angle => position%angle)
          if (is_torus) then
             first = system%tones%omega(1)

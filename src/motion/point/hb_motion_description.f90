@@ -11,7 +11,7 @@ module hb_motion_description
    use hb_error_estimate, only: estimate_error
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
    use hb_fftw, only: new_real_block, real_block_t
-   use hb_harmonics, only: coefficients_in, harmonics_t, transfer_coefficients
+   use hb_harmonics, only: coefficients_in, harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
    use hb_law_coordinates, only: laws_at
@@ -416,8 +416,7 @@ contains
       call choose_wider_set(set, wider, error)
       if (allocated(error)) return
       associate (found => result%error_estimate)
-         allocate (improved(wider%n_coefficients, size(found%improved, 2)))
-         call transfer_coefficients(found%wider, wider, found%improved, improved)
+         allocate (improved, source=coefficients_in(wider, found%wider, found%improved))
          result%improved_coefficients = as_pairs(wider%amplitudes(improved))
          call move_alloc(improved, found%improved)
          found%wider = wider
