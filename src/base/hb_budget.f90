@@ -1,9 +1,11 @@
 !> A budget of work, counted in units of hb_solver_types%unit_of_work: its limit and what has been spent.
 module hb_budget
-   use hb_kinds, only: wp
+   use hb_kinds, only: int64, wp
    implicit none
    private
-   public :: budget_t
+   public :: affordable_evaluations, budget_t, is_spent
+
+   character(*), parameter :: is_spent = " has used up its budget of work" !! what messages say of an exhausted budget
 
    type :: budget_t
       real(wp) :: limit = huge(1.0_wp)
@@ -37,4 +39,12 @@ contains
 
       is_exhausted = self%spent > self%limit
    end function budget_is_exhausted
+
+   !> Evaluations for which some work suffices.
+   elemental integer(int64) function affordable_evaluations(work, work_of_one) result(n)
+      real(wp), intent(in) :: work, work_of_one
+      real(wp), parameter :: max_count = 1.0e18_wp                    ! within the range of the integers
+
+      n = int(min(work/work_of_one, max_count), int64)
+   end function affordable_evaluations
 end module hb_budget

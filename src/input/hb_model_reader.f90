@@ -22,9 +22,9 @@ module hb_model_reader
    use hb_number_paths, only: read_gradient, read_ties, reject_unknown_tones, store_ties
    use hb_options, only: callbacks_t, options_t, purpose_t
    use hb_parameter_number, only: locate_number
+   use hb_point_budget, only: work_of_integration
    use hb_primary_method, only: primary_method
    use hb_properties, only: properties_t
-   use hb_solver_types, only: share_of_solver
    use hb_stability, only: stability_method
    use hb_structure_catalogue, only: read_structure
    use hb_system, only: system_t
@@ -33,12 +33,6 @@ module hb_model_reader
    implicit none
    private
    public :: check_added, read_base, read_model, update_model
-
-   real(wp), parameter :: work_of_method = 0.5_wp*(1.0_wp/share_of_solver - 1.0_wp)   ! of time integration, relative to that
-                                                                      ! of the solver's fallbacks; two methods share
-                                                                      ! the rest
-   real(wp), parameter :: work_if_requested = 19.0e9_wp               ! of a method, if time integration is no fallback
-   real(wp), parameter :: min_work = 0.5e9_wp                         ! of a method, at each point of a sweep
 
 contains
 
@@ -359,19 +353,6 @@ contains
          end if
       end associate
    end subroutine read_set
-
-   !> Largest work of one method of time integration.
-   real(wp) function work_of_integration(system, options) result(work)
-      type(system_t), intent(in) :: system
-      type(options_t), intent(in) :: options
-
-      work = work_of_method*options%solver%max_fallback_work
-      if (options%solver%has_max_fallback_work) return
-      if (options%primary_method == primary_method%integration .or. (system%tones%n_tones > 1 .and. &
-                                                                     system%has_restitution(options%integration%restitution))) &
-         work = work_if_requested                                     ! of one tone the period map finds a motion with impacts
-      work = max(options%callbacks%share_of_integration*work, min_work)
-   end function work_of_integration
 
    !> Rejects what is given about harmonics of tones that there are not.
    subroutine reject_harmonics(document)

@@ -19,7 +19,7 @@ module hb_floquet
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, noise_status, share_of_stability, &
-      stability_config_t, stability_finder_t, stability_method, stability_t, verdict
+      stability_config_t, stability_finder_t, stability_method, stability_t, verdict, work_of_verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: certainty_factor, estimate_safety, negligible_share, rounding_level, small_share
    use hb_variation, only: min_work, new_variation, variation_t
@@ -347,7 +347,7 @@ contains
 
       limit = huge(1.0_wp)
       if (config%method == stability_method%auto) &
-         limit = max(config%patience*work_allowed, share_of_stability*config%work_spent, self%work_in_any_case)
+         limit = max(config%patience*work_allowed, work_of_verdict(config%work_spent, self%work_in_any_case))
    end function floquet_max_work
 
    !> Disturbances by shifts of the phases of unknown tones and by free motions, as series, (size of the state, n_harmonics, any).

@@ -15,7 +15,7 @@ module hb_stability
    private
    public :: excitation_t, few_periods, harmonic_motion_t, max_multipliers, n_multipliers_of, noise_response_t, noise_status, &
       noise_status_names, share_of_stability, stability_config_t, stability_finder_t, stability_method, stability_method_names, &
-      stability_t, verdict
+      stability_t, verdict, work_of_verdict
 
    integer, parameter :: max_multipliers = 16                        !! that are stored, the largest
    real(wp), parameter :: share_of_stability = 0.3_wp                 !! of the work of a point
@@ -145,6 +145,14 @@ module hb_stability
    end interface
 
 contains
+
+   !> Work that a verdict on a motion may take in any case: a share of that of the motion.
+   pure real(wp) function work_of_verdict(work_spent, at_least) result(work)
+      real(wp), intent(in) :: work_spent                              !! on the motion
+      real(wp), intent(in) :: at_least
+
+      work = max(share_of_stability*work_spent, at_least)
+   end function work_of_verdict
 
    !> Number of multipliers stored for a structure and the states of its laws, each of which has one.
    pure integer function n_multipliers_of(structure, laws)

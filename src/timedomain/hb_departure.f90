@@ -6,7 +6,7 @@
 !> decayed, and through one more period of the slowest tone, in which the difference counts. A second one starts very close
 !> to it: if they diverge, the motion is unstable, and the difference says nothing. Source: docs/why/theory.md, section 7.
 module hb_departure
-   use, intrinsic :: iso_fortran_env, only: int64
+   use hb_budget, only: affordable_evaluations
    use hb_error, only: error_t
    use hb_integrable_system, only: fastest_of, has_bounds_of
    use hb_integration_config, only: integration_config_t, integration_method
@@ -101,8 +101,8 @@ contains
          config%decimation = huge(1)
          config%transient = n_transient*period
          config%duration = period
-         config%max_evaluations = int(min(max_work/evaluation_work(equations%n_dofs, equations%laws%n_coordinates, .false.), &
-                                          1.0e18_wp), int64)          ! of both
+         config%max_evaluations = affordable_evaluations(max_work, evaluation_work(equations%n_dofs, &
+                                  equations%laws%n_coordinates, .false.)) ! of both
          step = two_pi/(samples_of_tone*maxval(abs(motion%tones%omega)))
          step = period/ceiling(period/step)
          config%method = integration_method%cvode

@@ -4,11 +4,12 @@
 !> integrations includes the effect of impacts and reversals on a disturbance (saltation).
 module hb_state_map
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_budget, only: affordable_evaluations
    use hb_error, only: error_t
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_config, only: integration_config_t, integration_method
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state
-   use hb_kinds, only: int64, two_pi, wp
+   use hb_kinds, only: two_pi, wp
    use hb_law, only: hold_t
    use hb_monodromy, only: min_instants
    use hb_motion_series, only: motion_series_t
@@ -200,7 +201,7 @@ contains
       real(wp), intent(in) :: work                                    !! in about a nanosecond
 
       self%config%max_evaluations = self%system%laws%n_evaluations + &
-         int(min(work/evaluation_work(self%system%n_dofs, self%system%laws%n_coordinates, .false.), 1.0e18_wp), int64)
+         affordable_evaluations(work, evaluation_work(self%system%n_dofs, self%system%laws%n_coordinates, .false.))
    end subroutine state_map_allow
 
    !> Approximate work of a period of the slowest tone in nanoseconds, from counts alone.

@@ -8,6 +8,7 @@
 !> does not determine the lines that differ by it: what they may exchange is a part of the error.
 module hb_steady_windows
    use hb_birkhoff, only: coefficients_at
+   use hb_budget, only: affordable_evaluations, is_spent
    use hb_cancellation, only: work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -387,7 +388,7 @@ contains
       if (any(steady%status == [outcome%integrated, outcome%subharmonic])) return
       steady%status = outcome%pending
       if (len(steady%message) > 0) steady%message = steady%message//"; "
-      steady%message = steady%message//"the work limit was reached"
+      steady%message = steady%message//"the time integration"//is_spent
    end subroutine end_without_work
 
    !> Integrates one window and counts its work. If the work limit ends it after other windows, these may suffice: the
@@ -408,7 +409,7 @@ contains
 
       cost = evaluation_work(system%n_dofs, system%laws%n_coordinates, config%method == integration_method%generalized_alpha)
       n_before = system%laws%n_evaluations
-      config%max_evaluations = n_before + int(min((options%integration%max_work - steady%work)/cost, 1.0e18_wp), int64)
+      config%max_evaluations = n_before + affordable_evaluations(options%integration%max_work - steady%work, cost)
       call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error, early_end_t(watches_pace=.true.))
       steady%is_out_of_work = next%is_out_of_work
       if (next%is_out_of_work .and. allocated(steady%message)) then

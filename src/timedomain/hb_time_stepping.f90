@@ -4,6 +4,7 @@
 module hb_time_stepping
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use hb_birkhoff, only: coefficients_at
+   use hb_budget, only: is_spent
    use hb_cancellation, only: note_progress, work_is_over
    use hb_central_differences, only: central_differences_t, new_central_differences
    use hb_error, only: error_t, fail
@@ -257,7 +258,7 @@ contains
 
       record%is_out_of_work = system%laws%n_evaluations > system%laws%max_evaluations
       if (record%is_out_of_work) then
-         call fail(error, "the time integration has used up its budget of work")
+         call fail(error, "the time integration"//is_spent)
       else if (.not. allocated(error) .and. work_is_over()) then
          call fail(error, "the time integration was cancelled")
       end if

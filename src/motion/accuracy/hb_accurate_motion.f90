@@ -5,6 +5,7 @@ module hb_accurate_motion
    use, intrinsic :: iso_fortran_env, only: int64
    use hb_amplitudes, only: amplitudes_t
    use hb_attempts, only: attempt_row, attempt_rule_t, attempts_t, make_attempts, point_conditions_t, stage
+   use hb_budget, only: affordable_evaluations
    use hb_cancellation, only: cancellation_t, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
@@ -16,10 +17,11 @@ module hb_accurate_motion
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_integrated, outcome
+   use hb_point_budget, only: limit_refinement, point_budget_t
    use hb_primary_method, only: evaluation_work, primary_method
    use hb_refined_motion, only: has_ended, refined_motion_t
    use hb_solver_types, only: attempt_t
-   use hb_stability, only: share_of_stability, stability_method, stability_verdict => verdict
+   use hb_stability, only: stability_verdict => verdict
    use hb_system, only: coordinates_of, measure_of, system_t
    use hb_threads, only: use_threads
    use hb_thresholds, only: estimate_safety
@@ -31,7 +33,6 @@ module hb_accurate_motion
 
    integer, parameter :: max_refinements = 2                          ! for a verdict on stability
    real(wp), parameter :: clear_change = 1.0e-4_wp                    ! of multipliers, caused by the errors of the motion
-   real(wp), parameter :: min_work_of_verdict = 5.0e7_wp              ! limit beyond which no level is begun, at least
 
    !> The attempts to find a motion to the tolerance.
    type, extends(attempts_t) :: point_attempts_t
@@ -119,13 +120,15 @@ contains
    !> Notes in the conditions what the attempts so far have led to.
    subroutine note_progress(self)
       type(point_attempts_t), intent(inout) :: self
+      type(point_budget_t) :: budget
 
       associate (c => self%conditions, motion => self%motion, system => self%motion%system, options => self%motion%options)
          c%status = motion%result%status
          c%has_motion = allocated(motion%top%unknowns) .and. .not. self%has_left_start   ! then a larger set is tried
          c%is_struck = options%lacks_impacts_of(system, c%status)
          c%is_unstable = .not. motion%result%stability%growth <= 1.0_wp
-         c%is_out_of_work = motion%solver%is_out_of_work .or. motion%solver%work > options%accuracy%max_work
+         budget = motion%solver%budget()
+         c%is_out_of_work = motion%solver%is_out_of_work .or. budget%levels%is_exhausted()
          c%is_cancelled = work_is_over()
       end associate
    end subroutine note_progress
@@ -220,11 +223,7 @@ contains
             sharper%accuracy%tolerance = 10.0_wp**(-i)*motion%options%accuracy%tolerance
             finer%is_finer = .true.
             finer%motion%solver = motion%solver
-            sharper%accuracy%max_work = min(motion%options%accuracy%max_work, max(min_work_of_verdict, share*motion%solver%work))
-            if (sharper%stability%method == stability_method%auto) then
-               sharper%accuracy%max_work = max(min_work_of_verdict, share_of_stability*motion%solver%work_spent)
-               sharper%solver%max_fallback_work = 0.0_wp                  ! a level in progress ends at the limit
-            end if
+            call limit_refinement(sharper, motion%solver%effort_t, share)
             finer%motion%start = motion%top
             call solve_by_levels(finer, motion%system, motion%discretisation, sharper)
             motion%solver%effort_t = finer%motion%solver%effort_t
@@ -480,7 +479,7 @@ contains
 
       work = evaluation_work(system%structure%n_dofs, sum([(size(system%laws(i)%law%shape, 2), i=1, size(system%laws))]), &
                              .false.)
-      n = int(min(rule%share*options%solver%max_fallback_work/work, 1.0e18_wp), int64)
+      n = affordable_evaluations(rule%share*options%solver%max_fallback_work, work)
    end function evaluations_of_guess
 
    !> Another lowest level, if the motion was not found on the first one: a larger or a smaller box.

@@ -5,13 +5,13 @@
 !> the balance ended above the tolerance: that motion is nearly steady from the beginning.
 module hb_integrate_to_tolerance
    use hb_amplitudes, only: amplitudes_t
-   use hb_budget, only: budget_t
+   use hb_budget, only: budget_t, is_spent
    use hb_cancellation, only: verdict, verdict_on_work, work_is_over
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_harmonics, only: harmonics_t, new_harmonics
-   use hb_integrated_result, only: guess_from, store_integrated
+   use hb_integrated_result, only: guess_from, note_unsteady, store_integrated
    use hb_kinds, only: wp
    use hb_law, only: hold_t
    use hb_level, only: check_discretisation, degree_of, distance, estimate_of, is_rigid, level_t
@@ -22,6 +22,7 @@ module hb_integrate_to_tolerance
    use hb_motion_result, only: motion_result_t
    use hb_options, only: options_t, share_of_integrated
    use hb_outcome, only: is_integrated, outcome, reason
+   use hb_point_budget, only: budget_of, point_budget_t
    use hb_primary_method, only: integration_counts_t, integration_is_cheaper, primary_method
    use hb_refinement, only: refinable_t, refine
    use hb_spectrum, only: spectrum_t
@@ -39,7 +40,6 @@ module hb_integrate_to_tolerance
    public :: driven_tuples, integrate_from_balance, integrate_to_tolerance, integrates_first, status_within, store_lines
 
    integer, parameter :: candidates_of_retained = 4                   ! at most, for each tuple of a set
-   real(wp), parameter :: share_of_several = 1.0_wp/3.0_wp          ! of the work, under three tones or more: more rarely decides
    real(wp), parameter :: order_growth_power = 0.7_wp                 ! power of the tolerance with which orders of candidates grow
    real(wp), parameter :: fall_of_one_tone = 0.4_wp                   ! likewise: with one tone a larger box is cheap
    real(wp), parameter :: share_of_tail = 0.3_wp                      ! of the tolerance, in omitted tuples; the rest is the misfit
@@ -118,9 +118,7 @@ contains
       call integration(system, discretisation, options, steady, integrated, found)
       is_done = work_is_over() .or. steady%status /= outcome%pending
       if (.not. is_done) then
-         if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
-         if (steady%is_out_of_work) result%reason = reason%max_fallback_work
-         if (allocated(steady%message)) call result%add_message(steady%message, is_first=result%status /= outcome%law_undefined)
+         call note_unsteady(steady, .false., result)
          return
       end if
       integrated%is_integrated_first = result%work <= 0.0_wp
@@ -229,8 +227,7 @@ contains
 
       if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
           needs_larger_set(system, options, result, result%work - steady%work)) then
-         result%message = "no work is left for a larger set; a time integration from this motion does not become steady "// &
-                          "within solver%max_fallback_work"
+         result%message = "the search for a larger set"//is_spent//", and so has a time integration from this motion"
          return
       end if
       is_known = result%reason == reason%tolerance .and. estimate_of(result) < max_reliable_error
@@ -263,9 +260,11 @@ contains
       type(motion_result_t), intent(in) :: result                     !! of the sequence of orders
       real(wp), intent(in) :: work                                    !! of its solutions, in about a nanosecond
       integer, parameter :: many_tones = 3                            ! tones
+      type(point_budget_t) :: budget
 
+      budget = budget_of(options, result)
       needs = system%tones%n_tones >= many_tones .and. estimate_of(result) < max_reliable_error .and. &
-         (work > options%accuracy%max_work .or. result%work_spent >= options%max_work())
+         (work > budget%levels%limit .or. budget%whole%left() <= 0.0_wp)
    end function needs_larger_set
 
    !> Status of an integrated motion, and the number of periods after which it repeats.
@@ -324,6 +323,7 @@ contains
       type(motion_result_t), intent(inout) :: result
       type(level_t), intent(out) :: found                             !! its set and motion
       type(refined_record_t) :: record
+      type(point_budget_t) :: budget
 
       record%system => system
       record%discretisation = discretisation
@@ -334,11 +334,9 @@ contains
       record%coordinates = coordinates_of(system)
       record%capacity = share_of_integrated*options%accuracy%max_harmonics
       record%order = first_order(system, options, candidates_of_retained*record%capacity)
-      associate (of_methods => 2.0_wp*options%integration%max_work) ! two may need as much
-         record%budget%limit = min(of_methods - result%integration_work, max(of_methods, options%max_work()) - result%work_spent)
-         if (system%tones%n_tones > 2 .and. options%primary_method /= primary_method%integration) &
-            record%budget%limit = min(record%budget%limit, share_of_several*of_methods)
-      end associate
+      budget = budget_of(options, result)
+      record%budget = budget%of_record(result%integration_work, decides_rarely=system%tones%n_tones > 2 .and. &
+                                       options%primary_method /= primary_method%integration)
       record%max_failures = huge(1)
       record%result = result
       call new_lowest_set(record%candidates, system%tones%n_tones, driven_tuples(system, options), record%error, record%order)
@@ -439,7 +437,7 @@ contains
       steady%is_out_of_work = .true.
       steady%message = "time integration over "//to_text(steady%n_periods)//" periods of the slowest tone: a series of "// &
                         to_text(n_candidates)//" harmonics has the relative residual "//rounded(steady%spread)// &
-                        " (worst quarter of the record), and no work is left for a longer one"
+                        " (worst quarter of the record), and the time integration"//is_spent
    end subroutine leave_open
 
    !> Order of the first box of candidates: with one tone or a coarse tolerance it has fewer candidates than

@@ -13,6 +13,7 @@ module hb_level
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
+   use hb_point_budget, only: budget_of, point_budget_t
    use hb_reduced_base, only: grid_share
    use hb_system, only: measure_of, system_t
    use hb_thresholds, only: max_reliable_error, negligible_step, small_share
@@ -146,10 +147,10 @@ contains
       type(options_t), intent(in) :: options
       type(motion_result_t), intent(in) :: result                     !! that is checked
       real(wp), parameter :: share = 0.5_wp
+      type(point_budget_t) :: budget
 
-      associate (work => result%work_spent)
-         more = (options%accuracy%max_work - work)/max(share*work, 1.0_wp)
-      end associate
+      budget = budget_of(options, result)
+      more = budget%margin%left()/max(share*budget%margin%spent, 1.0_wp)
       more = max(min_check_ratio, min(more, max_check_ratio))
    end function affordable_growth
 
@@ -414,7 +415,6 @@ contains
       real(wp), intent(in) :: x(:)                                    !! coefficients of all coordinates, and others
       integer, intent(in) :: n_further                                !! of the others
       real(wp), allocatable :: moved(:)
-      real(wp), allocatable :: u(:, :)
 
       associate (n => from_set%n_coefficients, n_all => size(x) - n_further)
          moved = [coefficients_in(to_set, from_set, reshape(x(:n_all), [n, n_all/n])), x(n_all + 1:)]

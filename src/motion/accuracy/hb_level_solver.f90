@@ -11,6 +11,7 @@ module hb_level_solver
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
+   use hb_point_budget, only: budget_of, point_budget_t
    use hb_primary_method, only: primary_method
    use hb_stability, only: stability_method
    use hb_system, only: system_t
@@ -19,8 +20,6 @@ module hb_level_solver
    private
    public :: level_solver_t, solve_level, solver_tolerance
 
-   real(wp), parameter :: share_of_fallback = 0.2_wp                  ! of the work of fallbacks, for each level except the first
-   real(wp), parameter :: share_of_first = 0.5_wp                     ! of all work: a level that takes more leaves too little
    integer, parameter :: patience_with_products = 16 ! iterations before the preconditioner becomes stronger: there are many levels
    integer, parameter :: steps_without_gain = 3                       ! steps without improvement from the level below
 
@@ -33,7 +32,7 @@ module hb_level_solver
    contains
       procedure :: prepare => level_solver_prepare
       procedure :: solve => level_solver_solve
-      procedure :: permitted_work => level_solver_permitted_work
+      procedure :: budget => level_solver_budget
    end type level_solver_t
 
 contains
@@ -79,15 +78,16 @@ contains
       type(motion_result_t), intent(out) :: result
       type(error_t), allocatable, intent(out) :: error
       type(cancellation_t), target :: limit
+      type(point_budget_t) :: budget
       real(wp), allocatable :: first_guess(:), found(:)
 
       call move_alloc(level%unknowns, first_guess)
+      budget = self%budget()
       associate (options => self%options, solver => self%level_options%solver)
          solver%fallback = options%solver%fallback .and. with_fallback
          solver%patience = merge(0, steps_without_gain, with_fallback)
-         solver%max_fallback_work = min(options%solver%max_fallback_work, max(0.0_wp, options%accuracy%max_work - self%work))
-         if (self%n_levels > 0) solver%max_fallback_work = share_of_fallback*solver%max_fallback_work
-         call limit%enter(huge(1.0_wp), self%permitted_work(with_fallback))
+         solver%max_fallback_work = budget%of_search()
+         call limit%enter(huge(1.0_wp), budget%of_level(self%system, options, with_fallback))
          call solve_level(self%system, self%level_options, level, first_guess, result, error, found)
          call limit%leave()
          result%work_spent = limit%budget%spent
@@ -126,22 +126,12 @@ contains
       end if
    end subroutine solve_level
 
-   !> Work that a level may take: what is left, without the share of a time integration that may follow. The first takes
-   !> half of it, a further search no more than all levels before it, but a share of the limit in any case.
-   pure real(wp) function level_solver_permitted_work(self, with_fallback) result(work)
+   !> The budget of the point after the levels so far.
+   pure type(point_budget_t) function level_solver_budget(self) result(budget)
       class(level_solver_t), intent(in) :: self
-      logical, intent(in) :: with_fallback
 
-      associate (options => self%options)
-         work = options%max_work()
-         if (options%has_time_domain() .and. options%solver%fallback .and. options%solver%fallback_by_integration .and. &
-             .not. any(self%system%tones%is_unknown)) work = options%accuracy%max_work + options%solver%max_fallback_work
-         work = max(0.0_wp, work - self%work_spent)
-         if (self%n_levels == 0 .and. options%accuracy%grows_set) work = share_of_first*work
-         if (with_fallback .and. self%n_levels > 0) &
-            work = max(share_of_fallback*options%accuracy%max_work, min(work, self%work_spent))
-      end associate
-   end function level_solver_permitted_work
+      budget = budget_of(self%options, self%effort_t)
+   end function level_solver_budget
 
    !> Ends a level that its limit of work has interrupted: without a motion, or with one whose error is not known.
    subroutine end_level(result, error, has_motion)

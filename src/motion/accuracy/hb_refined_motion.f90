@@ -18,6 +18,7 @@ module hb_refined_motion
    use hb_motion_result, only: effort_t, motion_result_t
    use hb_options, only: accuracy_t, options_t
    use hb_outcome, only: is_answer => is_solved, outcome, reason
+   use hb_point_budget, only: point_budget_t
    use hb_refinement, only: refinable_t, refine, refinement_end
    use hb_stability, only: stability_method
    use hb_system, only: measure_of, system_t
@@ -189,14 +190,14 @@ contains
    !> its motion. Within the tolerance a level is begun for its margin alone, without the work of fallbacks.
    pure logical function affords_next(self)
       class(refined_motion_t), intent(in) :: self
+      type(point_budget_t) :: budget
       real(wp) :: left
 
       affords_next = self%n_levels < 2 .or. self%n_failures > 0
       if (affords_next) return
-      associate (accuracy => self%options%accuracy, solver => self%solver)
-         left = solver%permitted_work(.false.)
-         if (self%estimate <= accuracy%tolerance .and. self%is_checked) left = accuracy%max_work - solver%work_spent
-      end associate
+      budget = self%solver%budget()
+      left = budget%of_level(self%system, self%options, .false.)
+      if (self%estimate <= self%options%accuracy%tolerance .and. self%is_checked) left = budget%margin%left()
       affords_next = left > least_work_of_next(self%result%work_spent, self%top%torus%n_samples, self%next%torus%n_samples)
    end function affords_next
 
@@ -220,12 +221,14 @@ contains
    !> alone: no longer if all levels with their error estimates have taken the permitted work.
    logical function refined_motion_is_over(self) result(is_over)
       class(refined_motion_t), intent(inout) :: self
+      type(point_budget_t) :: budget
 
-      associate (accuracy => self%options%accuracy, solver => self%solver)
-         is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. solver%work > accuracy%max_work .or. &
-                   solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
+      budget = self%solver%budget()
+      associate (accuracy => self%options%accuracy)
+         is_over = self%is_ended .or. .not. allocated(self%top%unknowns) .or. budget%levels%is_exhausted() .or. &
+                   self%solver%is_out_of_work .or. self%options%lacks_impacts_of(self%system, self%result%status) .or. &
                    (self%result%status == outcome%impact .and. self%own_estimate <= goal_share*accuracy%tolerance) .or. &
-                   (self%estimate <= accuracy%tolerance .and. self%is_checked .and. solver%work_spent > accuracy%max_work)
+                   (self%estimate <= accuracy%tolerance .and. self%is_checked .and. budget%margin%is_exhausted())
       end associate
    end function refined_motion_is_over
 

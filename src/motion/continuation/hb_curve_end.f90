@@ -1,6 +1,7 @@
 !> Where and why a branch of a curve ends, other than at the end of its range: the values ahead are not possible, its tones lock,
 !> its points are no longer reliable or use up their work, or it has come back to one of its folds.
 module hb_curve_end
+   use hb_budget, only: is_spent
    use hb_curve, only: curve_t
    use hb_curve_course, only: curve_course_t, max_exhausted, max_unreliable
    use hb_curve_points, only: curve_point_t
@@ -61,7 +62,7 @@ contains
                    tuple_text(course%locked)//" vanishes: beyond it the motion is periodic"
          else if (course%n_exhausted >= max_exhausted) then
             text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &
-                   " steps has used up the work of a point, accuracy%max_work and solver%max_fallback_work"
+                   " steps"//is_spent//", that of a point"
          else if (course%n_unreliable >= max_unreliable) then
             text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
                    to_text(max_unreliable)//" points are "

@@ -11,14 +11,14 @@ module hb_integrated_result
    use hb_motion_description, only: request_stability, store_motion
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
-   use hb_outcome, only: outcome
+   use hb_outcome, only: outcome, reason
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
    use hb_thresholds, only: max_reliable_error
    implicit none
    private
-   public :: guess_from, store_integrated
+   public :: guess_from, note_unsteady, store_integrated
 
 contains
 
@@ -32,6 +32,20 @@ contains
 
       guess = [discretisation%harmonics%coefficients(coordinates%amplitudes_of(steady%amplitudes)), system%tones%omega]
    end function guess_from
+
+   !> Notes in the result of a balance that a time integration has not become steady: its message, and that it is out of work. A
+   !> friction too steep for the samples remains the reason.
+   subroutine note_unsteady(steady, is_struck, result)
+      type(steady_motion_t), intent(in) :: steady
+      logical, intent(in) :: is_struck                                !! the balance strikes walls with a given restitution
+      type(motion_result_t), intent(inout) :: result
+
+      if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
+      if (allocated(steady%message)) call result%add_message(steady%message, is_first=result%status /= outcome%law_undefined)
+      if (.not. steady%is_out_of_work) return
+      result%reason = reason%max_fallback_work
+      if (is_struck) result%status = outcome%out_of_budget
+   end subroutine note_unsteady
 
    !> Stores an integrated motion in a result, in place of any other. The forces of the laws follow from its inertia, damping,
    !> stiffness and loads.

@@ -6,7 +6,7 @@ module hb_motion
    use hb_coordinates, only: coordinates_t
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
-   use hb_integrated_result, only: guess_from, store_integrated
+   use hb_integrated_result, only: guess_from, note_unsteady, store_integrated
    use hb_kinds, only: wp
    use hb_model, only: model_t
    use hb_model_basis, only: find_basis
@@ -258,10 +258,7 @@ contains
          else if (has_balance) then
             return
          else if (steady%status == outcome%pending) then
-            if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
-            call result%add_message(steady%message, is_first=result%status /= outcome%law_undefined)
-            if (steady%is_out_of_work) result%reason = reason%max_fallback_work
-            if (self%conditions%is_struck .and. steady%is_out_of_work) result%status = outcome%out_of_budget
+            call note_unsteady(steady, self%conditions%is_struck, result)
          else
             call result%forget_motion()
             if (allocated(self%unknowns)) deallocate (self%unknowns)

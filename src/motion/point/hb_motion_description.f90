@@ -21,8 +21,8 @@ module hb_motion_description
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, reason
    use hb_reached_laws, only: max_gap_to_motion, reached_laws
-   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, noise_status, share_of_stability, stability_config_t, &
-      stability_method, stability_t, stability_verdict => verdict
+   use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, noise_status, stability_config_t, &
+      stability_method, stability_t, stability_verdict => verdict, work_of_verdict
    use hb_structure, only: max_dense
    use hb_structure_load, only: find_random_forces
    use hb_system, only: system_t
@@ -125,12 +125,12 @@ contains
       type(options_t), intent(in) :: options
       type(harmonic_motion_t), intent(in) :: motion
       type(motion_result_t), intent(inout) :: result
-      real(wp), parameter :: min_work_of_verdict = 3.0e8_wp           ! in about a nanosecond, for any motion
+      real(wp), parameter :: min_work_of_comparison = 3.0e8_wp        ! in about a nanosecond, for any motion
 
       if (result%status /= outcome%converged .or. result%stability%verdict == stability_verdict%unstable) return
       if (.not. allocated(options%callbacks%time_domain_solver)) return
       call options%callbacks%time_domain_solver%find_departure(system, options, motion, &
-         max(share_of_stability*options%stability%work_spent, min_work_of_verdict), result%departure)
+         work_of_verdict(options%stability%work_spent, min_work_of_comparison), result%departure)
    end subroutine compare_in_time
 
    !> Accepts a verdict only if the motion with its first-order errors removed has the same one: multipliers and
