@@ -48,6 +48,14 @@ module hb_floquet
       procedure :: max_work => floquet_max_work
    end type floquet_t
 
+   !> A motion of a model whose coordinates may be compared, and what acts on it.
+   type :: scaled_motion_t
+      type(structure_t) :: structure
+      type(law_box_t), allocatable :: laws(:)
+      type(harmonic_motion_t) :: motion
+      type(excitation_t) :: excitation
+   end type scaled_motion_t
+
 contains
 
    !> From the equations linearised along the motion; no result if a law has none.
@@ -62,6 +70,7 @@ contains
       real(wp), intent(in) :: work_allowed                            !! in about a nanosecond
       type(variation_t), target :: variation
       type(coordinate_scales_t) :: scales
+      type(scaled_motion_t) :: scaled
       real(wp) :: limit
       integer :: n_transfers                                          ! at least, for a verdict
 
@@ -86,36 +95,37 @@ contains
          return
       end if
       call find_coordinate_scales(scales, structure, laws, minval(abs(motion%tones%omega)), sum(abs(motion%amplitudes), dim=2))
-      call assess_scaled(stability, config, scales%scaled_structure(structure), scales%scaled_laws(laws), &
-                         scaled_motion(motion, scales%coordinates), scaled_excitation(excitation, scales%coordinates), limit)
+      scaled%structure = scales%scaled_structure(structure)
+      allocate (scaled%laws, source=scales%scaled_laws(laws))
+      scaled%motion = scaled_motion(motion, scales%coordinates)
+      scaled%excitation = scaled_excitation(excitation, scales%coordinates)
+      call assess_scaled(stability, config, scaled, limit)
       call stability%response%scale(scales%coordinates)
    end subroutine floquet_find
 
-   !> Of a model whose coordinates may be compared.
-   subroutine assess_scaled(self, config, structure, laws, motion, excitation, limit)
+   subroutine assess_scaled(self, config, scaled, limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
-      type(structure_t), intent(in) :: structure
-      type(law_box_t), intent(in) :: laws(:)
-      type(harmonic_motion_t), intent(in) :: motion
-      type(excitation_t), intent(in) :: excitation
+      type(scaled_motion_t), intent(in) :: scaled
       real(wp), intent(in) :: limit                                   !! of the work [ns]
       type(variation_t), target :: variation
       type(error_t), allocatable :: error
 
-      call new_variation(variation, structure, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
-      if (allocated(error)) return
-      associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
-         self%is_too_costly = highest > max_turns*minval(motion%tones%omega)
+      associate (motion => scaled%motion)
+         call new_variation(variation, scaled%structure, scaled%laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
+         if (allocated(error)) return
+         associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
+            self%is_too_costly = highest > max_turns*minval(motion%tones%omega)
+         end associate
+         if (self%is_too_costly .and. has_noise(scaled%excitation)) self%response%status = noise_status%too_costly
+         if (self%is_too_costly) return
+         if (motion%tones%n_tones == 1) then
+            call assess_one_tone(self, config, variation, scaled, limit)
+         else
+            call assess_torus(self, config, variation, scaled, limit)
+         end if
       end associate
-      if (self%is_too_costly .and. has_noise(excitation)) self%response%status = noise_status%too_costly
-      if (self%is_too_costly) return
-      if (motion%tones%n_tones == 1) then
-         call assess_one_tone(self, config, variation, structure, laws, motion, excitation, limit)
-      else
-         call assess_torus(self, config, variation, structure, laws, motion, limit)
-      end if
-      if (has_noise(excitation)) call add_noise(self, config, variation, structure, laws, motion, excitation)
+      if (has_noise(scaled%excitation)) call add_noise(self, config, variation, scaled)
    end subroutine assess_scaled
 
    pure logical function has_noise(excitation) result(has)
@@ -126,32 +136,32 @@ contains
    end function has_noise
 
    !> Adds what noise causes about a stable motion.
-   subroutine add_noise(self, config, variation, structure, laws, motion, excitation)
+   subroutine add_noise(self, config, variation, scaled)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
-      type(structure_t), intent(in) :: structure
-      type(law_box_t), intent(in) :: laws(:)
-      type(harmonic_motion_t), intent(in) :: motion
-      type(excitation_t), intent(in) :: excitation
+      type(scaled_motion_t), intent(in) :: scaled
       complex(wp), allocatable :: shifts(:, :, :)
-      real(wp), allocatable :: shift(:)
+      real(wp), allocatable :: shift(:), unbounded(:, :)
 
       allocate (shift(0))
-      self%response%status = noise_status%no_verdict
-      if (self%verdict == verdict%unstable) self%response%status = noise_status%unstable
-      if (self%is_too_costly) self%response%status = noise_status%too_costly
-      if (self%verdict /= verdict%stable .or. .not. allocated(self%exponents)) return
-      self%response%status = noise_status%unbounded
-      if (size(free_motions(structure, laws), 2) > 0) return
-      self%response%status = noise_status%several_tones
-      if (motion%tones%n_tones > 1 .and. any(motion%tones%is_unknown)) return
-      if (any(motion%tones%is_unknown)) then
-         shifts = shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, free_motions(structure, laws))
-         shift = real(sum(shifts(:2*variation%n_dofs, :, 1), dim=2))
-      end if
-      call find_noise_response(self%response, variation, structure, excitation%noise, shift, -self%exponents(1), config, &
-                               work_on_demand)
+      allocate (unbounded, source=free_motions(scaled%structure, scaled%laws))
+      associate (motion => scaled%motion)
+         self%response%status = noise_status%no_verdict
+         if (self%verdict == verdict%unstable) self%response%status = noise_status%unstable
+         if (self%is_too_costly) self%response%status = noise_status%too_costly
+         if (self%verdict /= verdict%stable .or. .not. allocated(self%exponents)) return
+         self%response%status = noise_status%unbounded
+         if (size(unbounded, 2) > 0) return
+         self%response%status = noise_status%several_tones
+         if (motion%tones%n_tones > 1 .and. any(motion%tones%is_unknown)) return
+         if (any(motion%tones%is_unknown)) then
+            shifts = shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, unbounded)
+            shift = real(sum(shifts(:2*variation%n_dofs, :, 1), dim=2))
+         end if
+         call find_noise_response(self%response, variation, scaled%structure, scaled%excitation%noise, shift, &
+                                  -self%exponents(1), config, work_on_demand)
+      end associate
    end subroutine add_noise
 
    !> The motion of scaled coordinates.
@@ -181,14 +191,11 @@ contains
    end function scaled_excitation
 
    !> Of a periodic motion: from a periodic motion of its pieces, where this is possible and cheap, otherwise from its series.
-   subroutine assess_one_tone(self, config, variation, structure, laws, motion, excitation, limit)
+   subroutine assess_one_tone(self, config, variation, scaled, limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
-      type(structure_t), intent(in) :: structure
-      type(law_box_t), intent(in) :: laws(:)
-      type(harmonic_motion_t), intent(in) :: motion
-      type(excitation_t), intent(in) :: excitation
+      type(scaled_motion_t), intent(in) :: scaled
       real(wp), intent(in) :: limit                                   !! of the work [ns]
       real(wp) :: work
       logical :: is_orbit_sought
@@ -198,13 +205,13 @@ contains
       if (self%is_too_costly) return
       self%method = stability_method%integration
       is_orbit_sought = .false.
-      if (.not. motion%tones%is_unknown(1)) is_orbit_sought = has_piecewise_orbit(variation)
+      if (.not. scaled%motion%tones%is_unknown(1)) is_orbit_sought = has_piecewise_orbit(variation)
       if (is_orbit_sought) is_orbit_sought = work + work_of_piecewise_orbit(variation) <= min(limit, max_work_of_orbit)
       if (is_orbit_sought) then
-         call assess_orbit(self, config, variation, structure, motion, excitation, free_motions(structure, laws))
+         call assess_orbit(self, config, variation, scaled, free_motions(scaled%structure, scaled%laws))
       else
-         call assess_period(self, config, variation, motion%amplitudes, motion%tones%is_unknown(1), free_motions(structure, laws), &
-                            limit)
+         call assess_period(self, config, variation, scaled%motion%amplitudes, scaled%motion%tones%is_unknown(1), &
+                            free_motions(scaled%structure, scaled%laws), limit)
       end if
    end subroutine assess_one_tone
 
@@ -271,8 +278,8 @@ contains
       end associate
       if (motion%tones%n_tones > 1 .and. allocated(self%multipliers)) deallocate (self%multipliers)
       if (.not. has_noise(excitation)) return
-      call add_noise(self, config, variation, scaled, none, scaled_motion(motion, scales%coordinates), &
-                     scaled_excitation(excitation, scales%coordinates))
+      call add_noise(self, config, variation, scaled_motion_t(scaled, none, scaled_motion(motion, scales%coordinates), &
+                                                              scaled_excitation(excitation, scales%coordinates)))
       call self%response%scale(scales%coordinates)
    end subroutine assess_structure
 
@@ -380,13 +387,11 @@ contains
    end function shifts_of
 
    !> Exponents of a motion of several tones.
-   subroutine assess_torus(self, config, variation, structure, laws, motion, limit)
+   subroutine assess_torus(self, config, variation, scaled, limit)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout), target :: variation
-      type(structure_t), intent(in) :: structure
-      type(law_box_t), intent(in) :: laws(:)
-      type(harmonic_motion_t), intent(in) :: motion
+      type(scaled_motion_t), intent(in) :: scaled
       real(wp), intent(in) :: limit                                   !! of the work [ns]
       type(linear_propagation_t) :: propagation
       type(stability_config_t) :: how
@@ -395,8 +400,10 @@ contains
       call plan_record()
       if (self%is_too_costly) return
       self%method = stability_method%integration
-      call new_linear_propagation(propagation, variation, shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, &
-                                                                    free_motions(structure, laws)), how%tolerance)
+      associate (motion => scaled%motion)
+         call new_linear_propagation(propagation, variation, shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, &
+                                                            free_motions(scaled%structure, scaled%laws)), how%tolerance)
+      end associate
       call assess_exponents(self, propagation, min(limit, work_on_demand), how)
 
    contains
@@ -405,8 +412,8 @@ contains
       subroutine plan_record()
          real(wp) :: work
 
-         associate (work_of_period => work_of_transfer(variation, two_pi/minval(motion%tones%omega)), &
-                    necessary => periods_of_beats(motion%tuples, motion%tones%omega, motion%amplitudes))
+         associate (work_of_period => work_of_transfer(variation, two_pi/minval(scaled%motion%tones%omega)), necessary => &
+                    periods_of_beats(scaled%motion%tuples, scaled%motion%tones%omega, scaled%motion%amplitudes))
             how%min_periods = max(how%min_periods, necessary)
             how%max_periods = max(how%max_periods, doublings_of_record*necessary)
             work = work_of_exponents(work_of_period, how%min_periods)
@@ -453,21 +460,19 @@ contains
    !> Multipliers of the periodic motion next to the given one under laws of piecewise constant slope; none but those along the
    !> series if there is none. Those of a truncated motion may be inaccurate although the motion is not, because they depend on
    !> the times at which contact begins and ends.
-   subroutine assess_orbit(self, config, variation, structure, motion, excitation, free)
+   subroutine assess_orbit(self, config, variation, scaled, free)
       type(stability_t), intent(inout) :: self
       type(stability_config_t), intent(in) :: config
       type(variation_t), intent(inout) :: variation
-      type(structure_t), intent(in) :: structure
-      type(harmonic_motion_t), intent(in) :: motion
-      type(excitation_t), intent(in) :: excitation
+      type(scaled_motion_t), intent(in) :: scaled
       real(wp), intent(in) :: free(:, :)                              !! motions that do not count, (n_dofs, any)
       type(piecewise_orbit_t) :: orbit
       type(stability_t) :: along_series
 
-      call find_piecewise_orbit(orbit, variation, structure, motion%amplitudes, excitation, free)
+      call find_piecewise_orbit(orbit, variation, scaled%structure, scaled%motion%amplitudes, scaled%excitation, free)
       self%estimate = 1.0_wp                                          ! the series is too far from any periodic motion
       if (.not. orbit%is_found) then
-         call assess_period(along_series, config, variation, motion%amplitudes, .false., free, 0.0_wp)
+         call assess_period(along_series, config, variation, scaled%motion%amplitudes, .false., free, 0.0_wp)
          if (along_series%verdict == verdict%unstable) call move_alloc(along_series%multipliers, self%along_series)
          return
       end if
