@@ -162,7 +162,9 @@ contains
 
       text = ""
       coordinates = coordinates_of(model%system)
-      if (pays_to_factorise(model%system%structure, coordinates)) return        ! the factor tells it
+      if (allocated(model%system%structure%sparse)) then
+         if (pays_to_factorise(model%system%structure, coordinates)) return     ! the factor tells it
+      end if
       frequencies = [0.0_wp, maxval(abs(model%discretisation%harmonics%frequencies(model%system%tones%omega)))]
       call new_amplitudes(no_loads, model%system%structure%n_dofs, size(frequencies))
       call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, frequencies, no_loads, error, &
@@ -216,7 +218,8 @@ contains
       type(model_t), intent(in) :: model
       type(coordinates_t) :: coordinates
 
-      has_factor = size(model%options%gradient%by) == 0 .and. .not. any(model%system%tones%is_unknown)
+      has_factor = allocated(model%system%structure%sparse) .and. size(model%options%gradient%by) == 0 .and. &
+                   .not. any(model%system%tones%is_unknown)
       if (.not. has_factor) return
       coordinates = coordinates_of(model%system)
       has_factor = is_factorised(model%system%structure, coordinates, laws_at(coordinates, model%system%laws))

@@ -124,11 +124,14 @@ contains
       deallocate (self%laws)
    end subroutine cached_parts_destroy
 
-   !> What whole models with many contacts share, for the systems of all points.
-   function cached_balances_contact_parts(self) result(parts)
+   !> What whole models with many contacts share, for the systems of all points; null for other models.
+   function cached_balances_contact_parts(self, structure) result(parts)
       class(cached_balances_t), intent(inout) :: self
+      type(structure_t), intent(in) :: structure                      !! of the model
       type(contact_parts_t), pointer :: parts
 
+      nullify (parts)
+      if (.not. allocated(structure%sparse)) return
       if (.not. associated(self%contacts)) allocate (self%contacts)
       parts => self%contacts
    end function cached_balances_contact_parts
@@ -137,7 +140,7 @@ contains
    subroutine cached_balances_destroy(self)
       class(cached_balances_t), intent(inout) :: self
 
-      call free_contact_parts(self%contacts)
+      if (associated(self%contacts)) call free_contact_parts(self%contacts)
       call self%narrow%destroy()
       call self%wide%destroy()
    end subroutine cached_balances_destroy

@@ -87,11 +87,10 @@ contains
       self%is_known = .false.
    end subroutine contact_parts_destroy
 
-   !> Frees parts that a pointer owns, if it does.
+   !> Frees parts that a pointer owns.
    subroutine free_contact_parts(parts)
-      type(contact_parts_t), pointer, intent(inout) :: parts
+      type(contact_parts_t), pointer, intent(inout) :: parts          !! associated; afterwards null
 
-      if (.not. associated(parts)) return
       call parts%destroy()
       deallocate (parts)
    end subroutine free_contact_parts

@@ -268,7 +268,8 @@ contains
       type(coordinates_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
 
-      is_worth_it = pays_to_factorise(structure, self)
+      is_worth_it = allocated(structure%sparse)
+      if (is_worth_it) is_worth_it = pays_to_factorise(structure, self)
       if (is_worth_it) return
       is_worth_it = work(self%n, condensed_half_bandwidth(structure, self)) <= &
                     work(size(self%dofs), condensed_half_bandwidth(structure, dofs_as_coordinates(self%dofs)))

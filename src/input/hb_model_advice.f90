@@ -55,7 +55,7 @@ contains
 
       call advise_on_tones(system, list)
       call advise_on_signs(system, list)
-      call advise_on_pairs(system, list)
+      if (allocated(system%structure%sets%coordinates) .and. allocated(system%law_groups)) call advise_on_pairs(system, list)
       call advise_on_coupling("stiffness", system%structure%stiffness, system%structure, list)
       call advise_on_coupling("damping", system%structure%damping, system%structure, list)
       if (is_driven_without_losses(system, discretisation)) call list%add(advice%no_losses)

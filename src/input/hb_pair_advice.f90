@@ -14,14 +14,13 @@ module hb_pair_advice
 
 contains
 
-   !> Names for each group of laws the first pair whose partner is not the nearest node; none without places of nodes.
+   !> Names for each group of laws the first pair whose partner is not the nearest node.
    subroutine advise_on_pairs(system, list)
-      type(system_t), intent(in) :: system
+      type(system_t), intent(in) :: system                            !! with places of its nodes
       type(advice_list_t), intent(inout) :: list
       integer, allocatable :: laws(:)
       integer :: group, i
 
-      if (.not. allocated(system%structure%sets%coordinates) .or. .not. allocated(system%law_groups)) return
       do group = 1, maxval([0, system%law_groups])
          laws = pack([(i, i=1, size(system%law_groups))], system%law_groups == group)
          if (size(laws) < 2 .or. size(laws) > max_pairs) cycle

@@ -239,7 +239,7 @@ contains
    subroutine block_solver_end(self)
       class(block_solver_t), intent(inout) :: self
 
-      call self%factors%destroy()
+      if (self%is_sparse) call self%factors%destroy()
       self%is_analysed = .false.
       call self%space%end()
    end subroutine block_solver_end

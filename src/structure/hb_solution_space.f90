@@ -102,7 +102,7 @@ contains
    subroutine solution_space_end(self)
       class(solution_space_t), intent(inout) :: self
 
-      call self%factors%destroy()
+      if (self%is_sparse) call self%factors%destroy()
       self%is_on = .false.
    end subroutine solution_space_end
 

@@ -216,7 +216,9 @@ contains
       bare%stability%method = stability_method%off
       bare%output%samples = [integer ::]
       guess = [motion, self%frequencies]
-      self%source%model%system%contact_parts => self%source%cached%contact_parts()
+      associate (system => self%source%model%system)
+         system%contact_parts => self%source%cached%contact_parts(system%structure)
+      end associate
       call solve_system(self%source%model%system, discretisation, bare, result, error, guess, unknowns)
       self%n_left = self%n_left - 1
       self%work_left = self%work_left - result%work

@@ -72,7 +72,7 @@ contains
       self%part = self%request
       self%may_integrate = self%model%options%may_integrate
       nullify (self%model%system%contact_parts)
-      if (size(self%model%options%gradient%by) == 0) then             ! else contacts are condensed
+      if (allocated(self%model%system%structure%sparse) .and. size(self%model%options%gradient%by) == 0) then ! else condensed
          allocate (self%contact_parts)
          self%model%system%contact_parts => self%contact_parts
       end if
@@ -300,6 +300,6 @@ contains
       call self%curve%destroy()
       deallocate (self%curve)
       nullify (self%model%system%contact_parts)
-      call free_contact_parts(self%contact_parts)
+      if (associated(self%contact_parts)) call free_contact_parts(self%contact_parts)
    end subroutine curve_runner_destroy
 end module hb_curve_runner

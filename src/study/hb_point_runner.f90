@@ -28,7 +28,7 @@ contains
       type(level_t) :: below
       real(wp), allocatable :: start(:)
 
-      model%system%contact_parts => cached%contact_parts()
+      model%system%contact_parts => cached%contact_parts(model%system%structure)
       if (model%options%chain%is_on) then
          if (model%options%accuracy%is_on) then
             call neighbour%predict_level(value, model, below)

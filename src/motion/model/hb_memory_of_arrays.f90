@@ -246,7 +246,7 @@ contains
       self%is_rigid = any([(laws(i)%law%is_multiplier, i=1, n)])
       self%n_kinds = 1 + count([any([(laws(i)%law%needs_velocity, i=1, n)]), self%is_rigid])
       if (coordinates%n == 0) return
-      self%is_whole = is_factorised(system%structure, coordinates, laws)
+      if (allocated(system%structure%sparse)) self%is_whole = is_factorised(system%structure, coordinates, laws)
       if (self%is_whole) self%factors = factors_of_whole*self%factors
       self%linear_bandwidth = coordinates%n - 1
       self%bandwidth = coordinates%n - 1
