@@ -13,6 +13,7 @@
 module hb_adjoint
    use hb_amplitudes, only: amplitudes_t, new_amplitudes
    use hb_cancellation, only: work_is_over
+   use hb_contact_parts, only: contact_parts_t                        ! gfortran 12 cannot write the module without it
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
    use hb_kinds, only: wp
