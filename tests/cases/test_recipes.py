@@ -18,8 +18,9 @@ LONG = {  # pages that take seconds
     "export", "limit_cycle", "resume", "verify",
     "bolted_joint", "calculix", "cheat_sheet", "dual_rotor", "exercises", "find_folds", "finite_element_bracket", "finite_elements",
     "fit_backbone", "fit_measurement", "friction_damper", "intermodulation", "isola", "law_in_python", "migrate", "mistuned_wheel",
-    "normal_mode", "optimise_absorbers", "optimise_damper", "other_solution", "own_matrices", "parametric", "peak_over_gap", "period_doubling",
-    "pictures", "rotor_rub", "rotor_seal", "small_signal", "sweep_two", "time_signal", "torus",
+    "normal_mode", "optimise_absorbers", "optimise_damper", "other_solution", "own_matrices", "parametric", "peak_over_gap",
+    "period_doubling",
+    "pictures", "rotor_rub", "rotor_seal", "small_signal", "surfaces", "sweep_two", "time_signal", "torus",
 }  # fmt: skip
 MAX_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}
 
@@ -37,7 +38,7 @@ def test_pages_run_as_written(page, tmp_path):
         pytest.skip("the shared library was not built")
     if "$ ccx " in text and not shutil.which("ccx"):
         pytest.skip("CalculiX is not here")
-    if re.search("nhbm-model plate|scikit-fem", text) and not importlib.util.find_spec("skfem"):
+    if re.search("nhbm-model (?:plate|solid)|scikit-fem", text) and not importlib.util.find_spec("skfem"):
         pytest.skip("scikit-fem is not here")
     run_page(page, tmp_path)
 
