@@ -1,7 +1,8 @@
 """Frequency and damping of the BARC over the amplitude: its bolts as friction pairs in the place of rigid ties.
 
 The BARC (Box Assembly with Removable Component, https://wiki.sem.org/wiki/BARC) is the bolted structure on which the structural
-dynamics community compares its methods. The package visualdynamics builds it from plates, with each bolt as rigid links of the nodes
+dynamics community compares its methods. The package visualdynamics builds it from plates, with each bolt as rigid links of the
+nodes
 that it clamps to the part below. Here each of these nodes may slide in its plane, against friction; where all stick and the contact
 is stiff, the modes are those of the rigid links.
 

@@ -5,6 +5,8 @@ The inner shaft turns with the first tone, the outer one 1.236 times as fast. Di
 have 2 micrometres of clearance, the casing is 12 micrometres away.
 """
 
+from __future__ import annotations
+
 import time
 
 import numpy as np

@@ -162,7 +162,9 @@ def test_record_of_many_forms(tmp_path, text):
     np.testing.assert_array_equal(record.x, [1.0, 3.0])
 
 
-@pytest.mark.parametrize("ending, start", [("png", b"\x89PNG"), pytest.param("pdf", b"%PDF", marks=pytest.mark.long), ("svg", b"<?xml")])
+@pytest.mark.parametrize(
+    "ending, start", [("png", b"\x89PNG"), pytest.param("pdf", b"%PDF", marks=pytest.mark.long), ("svg", b"<?xml")]
+)
 def test_ending_chooses_the_format(tmp_path, ending, start):
     """The same bytes each time."""
     with Results(single(tmp_path / "a.h5", 1)) as results:

@@ -76,7 +76,9 @@ def run(limit: float, *words: object) -> Run:
 class State:
     """Cases that are done, by their key: those of a file of `--state` to which the same question was put; new ones are added."""
 
-    def __init__(self, path: Path | None, question: list[Any], read: Callable[[dict[str, Any]], Any], key: Callable[[Any], Any]) -> None:
+    def __init__(
+        self, path: Path | None, question: list[Any], read: Callable[[dict[str, Any]], Any], key: Callable[[Any], Any]
+    ) -> None:
         self._path, self._question, self._key = path, question, key
         lines = map(json.loads, path.read_text().splitlines()) if path and path.exists() else ()
         cases = [read(line["case"]) for line in lines if line["question"] == question]

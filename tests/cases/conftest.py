@@ -6,7 +6,12 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "postproc" / "src"), str(ROOT / "drivers" / "python" / "src"), str(ROOT / "tests"), str(ROOT / "tests" / "campaigns")]
+sys.path[:0] = [
+    str(ROOT / "postproc" / "src"),
+    str(ROOT / "drivers" / "python" / "src"),
+    str(ROOT / "tests"),
+    str(ROOT / "tests" / "campaigns"),
+]
 os.environ.setdefault("NHBM", str(ROOT / "build" / "release" / "bin" / "nhbm"))
 
 

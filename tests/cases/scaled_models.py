@@ -1,7 +1,7 @@
 """Models in other units: each coordinate, each equation and time multiplied by a factor of its own.
 
-With x_i = s_i y_i, row i times r_i and t = T t', the matrices become r_i M_ij s_j/T**2, r_i D_ij s_j/T and r_i K_ij s_j, loads r_i F,
-and frequencies T w. The motion is the same; so is everything said about it.
+With x_i = s_i y_i, row i times r_i and t = T t', the matrices become r_i M_ij s_j/T**2, r_i D_ij s_j/T and r_i K_ij s_j, loads
+r_i F, and frequencies T w. The motion is the same; so is everything said about it.
 """
 
 from dataclasses import dataclass, field
@@ -114,8 +114,14 @@ def loudspeaker(rng):
 def hydraulic(rng):
     f = rng.uniform(0.7, 1.4, 4)
     a = 0.005 * f[0]
-    return Model(np.diag([50.0, 0.0]), np.array([[200.0 * f[1], 0.0], [-a, 1e-13 * f[2]]]), np.array([[1e6, a], [0.0, 1e-10 * f[3]]]),
-                 [2 * np.pi * 2, 2 * np.pi * 25], [(0, (1, 0), 2000.0), (0, (0, 1), 2000.0)], [cubic(0, 1e11)])
+    return Model(
+        np.diag([50.0, 0.0]),
+        np.array([[200.0 * f[1], 0.0], [-a, 1e-13 * f[2]]]),
+        np.array([[1e6, a], [0.0, 1e-10 * f[3]]]),
+        [2 * np.pi * 2, 2 * np.pi * 25],
+        [(0, (1, 0), 2000.0), (0, (0, 1), 2000.0)],
+        [cubic(0, 1e11)],
+    )
 
 
 def harvester(rng):

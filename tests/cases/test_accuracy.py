@@ -20,7 +20,9 @@ MIDSPAN = {"dofs": ("v3",), "weights": (1.0,)}
 
 
 def test_no_case_has_the_name_of_a_section():
-    sections = re.findall(r"^    \"(\w+)\": _\w+,$", (ROOT / "tests" / "measurements" / "accuracy").read_text(encoding="utf-8"), re.MULTILINE)
+    sections = re.findall(
+        r"^    \"(\w+)\": _\w+,$", (ROOT / "tests" / "measurements" / "accuracy").read_text(encoding="utf-8"), re.MULTILINE
+    )
     assert "time" in sections and not set(sections) & {case.name for case in against_time.CASES}
 
 

@@ -248,7 +248,8 @@ def test_lower_layers_name_no_commands_and_groups(path):
 
 def test_messages_of_outcomes_state_facts():
     """What to do is a row of src/advice.txt; errors say themselves what would be right."""
-    do = r"(?:[;:,] |\.\s+)(?:raise|use|try|give|choose|check|set|divide|start|widen|lower|take|add|leave|remove|increase|prescribe)\b"
+    verbs = "raise|use|try|give|choose|check|set|divide|start|widen|lower|take|add|leave|remove|increase|prescribe"
+    do = rf"(?:[;:,] |\.\s+)(?:{verbs})\b"
     advising = []
     for path in [path for path in sources() if layer_of(path) in LAYERS_WITHOUT_INPUT]:
         code = re.sub(r"&\s*\n\s*", "", path.read_text(encoding="utf-8"))

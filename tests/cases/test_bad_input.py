@@ -1,5 +1,7 @@
 """An error in an input is reported once, with a helpful message, with exit status 2 and without changing a result."""
 
+from __future__ import annotations
+
 import os
 import re
 from dataclasses import dataclass

@@ -150,7 +150,7 @@ def test_motions_beside_a_fold_at_a_graze_are_unstable(tmp_path):
 
 
 @pytest.mark.parametrize("load, max_step, values", [
-    pytest.param(0.0413, 0.04, [1.09296, 1.09366], marks=pytest.mark.long),  # both within one step, whose ends have the same sign of the determinant
+    pytest.param(0.0413, 0.04, [1.09296, 1.09366], marks=pytest.mark.long),  # within one step, with one sign of the determinant
     (0.2, 0.004, [1.6855495, 1.2598894]),  # the crossing branch is farther away than a thousandth of a short step
 ])  # fmt: skip
 def test_branch_points_are_located(load, max_step, values, tmp_path):

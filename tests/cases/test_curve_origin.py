@@ -1,4 +1,5 @@
-"""Origins of curves in files that are no sound results: a message and the exit status of bad input, in every verb that reads them."""
+"""Origins of curves in files that are no sound results: a message and the exit status of bad input, in every verb that reads
+them."""
 
 import os
 

@@ -149,7 +149,8 @@ SMALL_FOLDS = """
 
 @pytest.mark.parametrize("damping", [".068,-.034,-.034,.034", ".06804624,-.03402312,-.03402312,.03402312", ".07,-.035,-.035,.035"])
 def test_folds_between_both_ends_of_a_range_come_in_pairs(tmp_path, damping):
-    """Two near .552 rad/s differ by 3e-4, less than the errors of their motions; one of them alone would be a fold without return."""
+    """Two near .552 rad/s differ by 3e-4, less than the errors of their motions; one of them alone would be a fold without
+    return."""
     result = solve(SMALL_FOLDS.replace(".068,-.034,-.034,.034", damping), tmp_path)
     kind, value = read(result, "curve_kind", "tones_frequency")
     assert kind[kind > 0][-1] == 6 and value[kind > 0][-1] == 2.912

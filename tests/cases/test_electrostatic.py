@@ -77,7 +77,9 @@ def start_of(motion):
 def test_voltages_of_two_tones_add():
     """Voltages of the same tuple are their sum, in any order; a number of each can be swept."""
     one = mass(tones=[0.7, 0.9], voltage=0.2, tuple=[1, 0, 0, 1], voltage_cos=[0.05, 0.08], voltage_sin=[0.0, 0.01])
-    parts = mass(tones=[0.7, 0.9], voltage=0.2, tuple=[0, 1, 1, 0, 0, 1], voltage_cos=[0.06, 0.05, 0.02], voltage_sin=[0.03, 0.0, -0.02])
+    parts = mass(
+        tones=[0.7, 0.9], voltage=0.2, tuple=[0, 1, 1, 0, 0, 1], voltage_cos=[0.06, 0.05, 0.02], voltage_sin=[0.03, 0.0, -0.02]
+    )
     motions = [model.solve(order=3).coefficients.values for model in (one, parts)]
     np.testing.assert_allclose(*motions, rtol=0, atol=1e-9)
     swept = one.sweep({"plate.voltage_cos[1]": [0.0, 0.08]}, order=3)

@@ -98,8 +98,8 @@ def test_coordinates_without_mass_are_followed(tmp_path):
 
 @pytest.mark.parametrize("amplitude", [0.5, 0.4])
 def test_a_start_beside_stick_slip_is_not_left_for_a_small_cycle(tmp_path, amplitude):
-    """Three motions: a stable rest, an unstable cycle of period 6.2842 that a few harmonics have, and stick-slip of period 7.19884 by time
-    integration, beside which the search starts."""
+    """Three motions: a stable rest, an unstable cycle of period 6.2842 that a few harmonics have, and stick-slip of period
+    7.19884 by time integration, beside which the search starts."""
     text = "&structure type='matrices', n_dofs=1, mass=1, damping=.02, stiffness=1 /\n&tones frequency=.87, unknown=.true. /\n"
     text += "&law type='stribeck', dof='x1', limit=.5, static_limit=.8, stribeck_velocity=.1, velocity=.002, belt_velocity=.3 /\n"
     text += f"&start dof='x1', tuple=1, cos={amplitude} /\n&start dof='x1', tuple=0, cos=.5 /\n"

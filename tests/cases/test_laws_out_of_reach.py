@@ -100,6 +100,8 @@ def test_a_dead_band_that_is_not_left_changes_no_verdict(law, tmp_path):
         "piecewise_linear": "breakpoints = -5, 5, slopes = 10, 0, 20",
         "tabulated": "displacements = -6, -5, 5, 6, forces = -3, 0, 0, 2",
     }
-    text = STRUCTURE.format(damping=-0.05, tones="0.011, 0.8123", first="1, 0", second="&load dof = 'x1', tuple = 0, 1, cos = 0.2 /")
+    text = STRUCTURE.format(
+        damping=-0.05, tones="0.011, 0.8123", first="1, 0", second="&load dof = 'x1', tuple = 0, 1, cos = 0.2 /"
+    )
     text += f"&law type = '{law}', dof = 'x1', {keys[law]} /"
     assert read(solve(text, tmp_path, status=None), "is_stable")[0] == [-1]

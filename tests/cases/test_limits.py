@@ -135,7 +135,9 @@ def test_a_law_that_gives_up_for_ever_ends_by_itself(tmp_path):
 @pytest.mark.long
 def test_limits_hold_everywhere():
     done = subprocess.run(
-        [sys.executable, ROOT / "tests/campaigns/limits", "--runs", "3"], env={**environment(), "NHBM": program()}, capture_output=True
+        [sys.executable, ROOT / "tests/campaigns/limits", "--runs", "3"],
+        env={**environment(), "NHBM": program()},
+        capture_output=True,
     )
     assert done.returncode == 0, done.stdout.decode()
 

@@ -23,7 +23,9 @@ def pairs(n: int, law: str, coupling: float = 0.0) -> str:
     return "\n".join(lines) + "\n" + TONE
 
 
-@pytest.mark.parametrize("law", ["type = 'elastic_stop', stiffness = 2.0, gap = 0.3", "type = 'jenkins', stiffness = 1.0, limit = 0.2"])
+@pytest.mark.parametrize(
+    "law", ["type = 'elastic_stop', stiffness = 2.0, gap = 0.3", "type = 'jenkins', stiffness = 1.0, limit = 0.2"]
+)
 def test_a_thousand_pairs_move_as_one(law, tmp_path):
     """Pairs that nothing couples: each moves as the only pair of a model of two masses."""
     one = read(solve(pairs(1, law), tmp_path, name="one"), "coefficients")[0]

@@ -61,7 +61,15 @@ def solve_parts(text, folder, n_parts, group=1, ranks=None, only=None):
     return [f"case_{k}.h5" for k in only or range(1, n_parts + 1)]
 
 
-@pytest.mark.parametrize("text, group, n_parts", [(GRID, 1, 3), pytest.param(GRID, 2, 2, marks=pytest.mark.long), pytest.param(SAMPLES, 2, 4, marks=pytest.mark.long), (CURVES, 1, 2)])
+@pytest.mark.parametrize(
+    "text, group, n_parts",
+    [
+        (GRID, 1, 3),
+        pytest.param(GRID, 2, 2, marks=pytest.mark.long),
+        pytest.param(SAMPLES, 2, 4, marks=pytest.mark.long),
+        (CURVES, 1, 2),
+    ],
+)
 def test_merged_parts_are_the_whole(text, group, n_parts, tmp_path):
     """Values, motions and branch numbers are those of one run, also where parts cut the lines along which branches are numbered;
     rows are intact, and the input is that of the whole sweep."""

@@ -83,7 +83,11 @@ def test_why_says_what_was_tried_and_what_to_do(tmp_path):
 
 
 def test_commands_name_files_that_look_like_options_by_their_folder(tmp_path):
-    write(tmp_path, MASS.replace("damping_mass = 0.1", "damping_mass = 0.0").replace("0.2", "1.0") + "&harmonics order = 3 /\n", "-o.nml")
+    write(
+        tmp_path,
+        MASS.replace("damping_mass = 0.1", "damping_mass = 0.0").replace("0.2", "1.0") + "&harmonics order = 3 /\n",
+        "-o.nml",
+    )
     done = run("solve", "./-o.nml", cwd=tmp_path)
     proposed = [line for line in (done.stdout + done.stderr).splitlines() if "try: nhbm" in line or line.startswith("nhbm why")]
     assert proposed and all(" -o." not in line and "./-o.h5" in line for line in proposed), proposed

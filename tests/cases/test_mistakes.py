@@ -1,4 +1,5 @@
-"""Mistakes of beginners: none is silent. Each is answered by an error, or a warning, that names what is wrong or the right value."""
+"""Mistakes of beginners: none is silent. Each is answered by an error, or a warning, that names what is wrong or the right
+value."""
 
 from __future__ import annotations
 
@@ -62,11 +63,14 @@ def falling_law():
 
 
 def of_two(stiffness, mass=None):
-    return nhbm.Model(nhbm.Matrices(mass=np.eye(2) if mass is None else mass, damping=0.1 * np.eye(2), stiffness=stiffness), tones=[0.9])
+    return nhbm.Model(
+        nhbm.Matrices(mass=np.eye(2) if mass is None else mass, damping=0.1 * np.eye(2), stiffness=stiffness), tones=[0.9]
+    )
 
 
 MISTAKES = [
-    ("unknown degree of freedom", lambda: with_load(base(), "x2", cos=1.0).solve(order=1), "unknown degree of freedom 'x2'; known: x1"),
+    ("unknown degree of freedom", lambda: with_load(base(), "x2", cos=1.0).solve(order=1),
+     "unknown degree of freedom 'x2'; known: x1"),
     ("degree of freedom 0", lambda: with_load(base(), "0", cos=1.0).solve(order=1), "has 1 to 1"),
     ("number of a degree of freedom", lambda: with_load(base(), 5, cos=1.0).solve(order=1), "has 1 to 1"),
     ("tuple of two for one tone", lambda: with_load(base(), "x1", (1, 0), cos=1.0).solve(order=1), "tuple has 2 values, needs 1"),
@@ -82,7 +86,8 @@ MISTAKES = [
     ("gap in millimetres", lambda: stop(gap=150.0).solve(order=5), "lengths are in metres"),
     ("stop never touched", lambda: stop(gap=50.0).solve(order=5), "law 'stop' exerts no force"),
     ("stop never touched along a curve", lambda: stop(gap=50.0).curve("tones[0]", 0.5, 1.5, order=5), "law 'stop' exerts no force"),
-    ("stop never touched in a sweep", lambda: stop(gap=50.0).sweep({"tones[0]": [0.8, 0.9]}, order=5), "law 'stop' exerts no force"),
+    ("stop never touched in a sweep", lambda: stop(gap=50.0).sweep({"tones[0]": [0.8, 0.9]}, order=5),
+     "law 'stop' exerts no force"),
     ("stop never touched by a response", lambda: stop(gap=50.0).response("x1 (1)", order=5), "law 'stop' exerts no force"),
     ("order and tolerance", lambda: stop().solve(order=5, tolerance=1e-3), "not both"),
     ("too few harmonics", lambda: stop(stiffness_of_stop=500.0).solve(order=2), "estimated error"),
@@ -93,7 +98,8 @@ MISTAKES = [
     ("mass that is not symmetric", lambda: of_two(np.eye(2), [[1.0, 0.5], [0.0, 1.0]]).solve(order=1), "between x2 and x1"),
     ("coupling in one direction", lambda: with_law(with_load(of_two([[2.0, -1.0], [0.0, 2.0]]), cos=1.0)).solve(order=3),
      "make the matrix symmetric"),
-    ("matrices of two sizes", lambda: nhbm.Model(nhbm.Matrices(mass=np.eye(2), stiffness=np.eye(3)), tones=[1.0]), "square and equal"),
+    ("matrices of two sizes", lambda: nhbm.Model(nhbm.Matrices(mass=np.eye(2), stiffness=np.eye(3)), tones=[1.0]),
+     "square and equal"),
     ("list for a matrix", lambda: nhbm.Model(nhbm.Matrices(mass=[1.0, 2.0], stiffness=[1.0, 2.0]), tones=[1.0]), "np.diag"),
     ("negative mass", lambda: stop(mass=-1.0).solve(order=3), "the mass of x1 is negative"),
     ("no mass", lambda: stop(mass=0.0).solve(order=3), "all masses of the structure are zero"),
@@ -105,9 +111,11 @@ MISTAKES = [
     ("misspelt law", lambda: with_law(loaded(), "elastik_stop", stiffness=1.0).solve(order=3), "did you mean 'elastic_stop'"),
     ("misspelt key", lambda: with_law(loaded(), "elastic_stop", stifness=1.0, gap=0.1).solve(order=3), "did you mean 'stiffness'"),
     ("missing key", lambda: with_law(loaded(), "elastic_stop", gap=0.1).solve(order=3), "missing key 'stiffness'"),
-    ("two limits of friction", lambda: with_law(loaded(), "jenkins", stiffness=1.0, limit=0.1, friction_coefficient=0.2).solve(order=3),
+    ("two limits of friction",
+     lambda: with_law(loaded(), "jenkins", stiffness=1.0, limit=0.1, friction_coefficient=0.2).solve(order=3),
      "either 'limit' or 'friction_coefficient'"),
-    ("one label twice", lambda: with_law(stop(), "elastic_stop", stiffness=1.0, gap=0.2, label="stop"), "another group with the label"),
+    ("one label twice", lambda: with_law(stop(), "elastic_stop", stiffness=1.0, gap=0.2, label="stop"),
+     "another group with the label"),
     ("misspelt path", lambda: stop().sweep({"stop.gapp": [0.1, 0.2]}, order=3), "did you mean 'gap'"),
     ("a key of tones as a path", lambda: stop().sweep({"hertz": [1.0, 2.0]}, order=3), "has no key"),
     ("texts for numbers", lambda: stop().sweep({"stop.gap": ["a", "b"]}, order=3), "must be a real number"),

@@ -91,8 +91,8 @@ def test_variance_has_the_unit_of_the_displacement_squared(mass, time, tmp_path)
 
 @pytest.mark.parametrize("share", [0.5, 0.9, 0.99])
 def test_parametron_is_squeezed_to_a_half_at_threshold(share, tmp_path):
-    """A stiffness pumped at twice the natural frequency: the quadratures have the variances V/(1 - g) and V/(1 + g), V = D/(c k), at
-    the share g of the threshold. Corrections are of the order of the damping."""
+    """A stiffness pumped at twice the natural frequency: the quadratures have the variances V/(1 - g) and V/(1 + g), V = D/(c k),
+    at the share g of the threshold. Corrections are of the order of the damping."""
     damping = 1e-3
     text = (
         ONE_DOF.format(damping=damping, stiffness=1.0)
@@ -130,8 +130,8 @@ def status_of(path):
 
 
 def monte_carlo(force, frequency, intensity, damping, start, paths=4000, steps=256, periods=(30, 8), seed=1):
-    """Mean over a period, largest and smallest variance of x'' + c x' + force(t, x, state) = noise, each with its standard error, by
-    the weak scheme of second order of Heun; states of the force are advanced at each step."""
+    """Mean over a period, largest and smallest variance of x'' + c x' + force(t, x, state) = noise, each with its standard error,
+    by the weak scheme of second order of Heun; states of the force are advanced at each step."""
     rng = np.random.default_rng(seed)
     h = 2 * np.pi / frequency / steps
     x, v = np.full(paths, start[0]), np.full(paths, start[1])
@@ -352,7 +352,10 @@ def test_noise_is_swept_as_any_number(tmp_path):
     [
         ("&law type = 'rigid_wall', dof = 'x1', gap = 0.1 /\n&tones frequency = 0.9 /\n", "no_verdict"),
         ("&law type = 'coulomb_rigid', dof = 'x1', limit = 0.05 /\n&tones frequency = 0.9 /\n", "no_equations"),
-        ("&law type = 'van_der_pol', dof = 'x1', strength = 0.5 /\n&tones frequency = 1.2, 0.9, unknown = .false., .true. /\n", "several_tones"),
+        (
+            "&law type = 'van_der_pol', dof = 'x1', strength = 0.5 /\n&tones frequency = 1.2, 0.9, unknown = .false., .true. /\n",
+            "several_tones",
+        ),
     ],
 )
 def test_what_is_not_known_has_a_reason(rest, status, tmp_path):

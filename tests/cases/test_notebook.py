@@ -154,8 +154,8 @@ def test_pictures_of_a_motion(curve, tmp_path):
 
 @pytest.mark.long
 def test_pictures_show_with_and_without_a_semicolon(curve, monkeypatch):
-    """Backends of notebooks show the figures of pyplot at the end of a cell; the value of a cell was shown alone, so that `orbit();`
-    showed nothing."""
+    """Backends of notebooks show the figures of pyplot at the end of a cell; the value of a cell was shown alone, so that
+    `orbit();` showed nothing."""
     from matplotlib import pyplot
 
     display, images = types.ModuleType("IPython.display"), []

@@ -191,7 +191,8 @@ def test_commands_have_their_inputs(name, words):
 
 
 @pytest.mark.parametrize(
-    ("program", "name"), [("nhbm", "docs/user/running.md"), ("nhbm-post", "postproc/README.md"), ("nhbm-model", "docs/user/model.md")]
+    ("program", "name"),
+    [("nhbm", "docs/user/running.md"), ("nhbm-post", "postproc/README.md"), ("nhbm-model", "docs/user/model.md")],
 )
 def test_pages_name_all_verbs(program, name):
     named = set(re.findall(r"[a-z][\w-]+", "\n".join(line[:60] for piece in pieces(name, "") for line in piece.splitlines())))

@@ -93,8 +93,8 @@ def test_index_lists_every_page():
 
 
 def test_site_has_every_page():
-    """Names and patterns of docs/site/index.md; the index for readers of the files is left out, and groups and laws, which follow from their
-    pages (test_site.py)."""
+    """Names and patterns of docs/site/index.md; the index for readers of the files is left out, and groups and laws, which follow
+    from their pages (test_site.py)."""
     named = re.findall(
         r"^((?:docs|postproc)/\S+|[A-Z_]+)$", (ROOT / "docs" / "site" / "index.md").read_text(encoding="utf-8"), re.MULTILINE
     )

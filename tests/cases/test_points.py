@@ -1,5 +1,5 @@
-"""tests/campaigns/points and tests/campaigns/time_domain: their time integration begins at the right state, otherwise the reported error is its own;
-wrong numbers in a file are reported; tables are made from the stored part of an interrupted campaign."""
+"""tests/campaigns/points and tests/campaigns/time_domain: their time integration begins at the right state, otherwise the
+reported error is its own; wrong numbers in a file are reported; tables are made from the stored part of an interrupted campaign."""
 
 from __future__ import annotations
 

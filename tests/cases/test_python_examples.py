@@ -111,8 +111,8 @@ def test_the_reduced_dual_rotor_moves_as_the_whole(tmp_path):
 
 @pytest.mark.long  # seconds
 def test_disturbances_that_beat_have_a_verdict():
-    """Four modes and the rollers by the nodes of both shafts: pairs of modes are close to each other, and averages of growth over the
-    usual 100 periods differ by their beats. Averages over 1600 periods are -2.431 and -1.937, each twice, to three digits."""
+    """Four modes and the rollers by the nodes of both shafts: pairs of modes are close to each other, and averages of growth over
+    the usual 100 periods differ by their beats. Averages over 1600 periods are -2.431 and -1.937, each twice, to three digits."""
     kept = ["inner1.x", "inner1.y", "outer1.x", "outer1.y", "disk1.x", "disk1.y"]
     structure = nhbm.reduction.reduce(dual_rotor.rotor().structure(), kept, n_modes=4)
     model = dual_rotor.model(364.85, structure)

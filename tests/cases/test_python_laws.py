@@ -145,7 +145,8 @@ def test_forces_that_jump_with_the_motion_end_at_once():
     found = []
     for law in (dry_friction, switched_load):
         model = Model(
-            nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1), tones=[0.7]
+            nhbm.Chain(n_masses=1, ends="free", mass=1.0, coupling_stiffness=0.0, ground_stiffness=1.0, damping_mass=0.1),
+            tones=[0.7],
         )
         model.load("x1", 1, cos=1.0)
         model.law(law, "x1")

@@ -170,7 +170,9 @@ AS_COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name in ("sweep", "curve"))) for name in AS_COMMANDS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] * (name in ("sweep", "curve"))) for name in AS_COMMANDS]
+)
 def test_a_saved_result_is_that_of_the_command(name, tmp_path):
     """The same datasets with the same attributes, and the same numbers."""
     text, solve = AS_COMMANDS[name]
@@ -418,7 +420,9 @@ def test_units_are_those_of_the_degrees_of_freedom(tmp_path):
     xr.testing.assert_identical(nhbm.open_dataset(tmp_path / "beam.h5").load(), motion)
 
 
-@pytest.mark.parametrize("points", [pytest.param("curve", marks=pytest.mark.long), pytest.param("sweep", marks=pytest.mark.long), "file"])
+@pytest.mark.parametrize(
+    "points", [pytest.param("curve", marks=pytest.mark.long), pytest.param("sweep", marks=pytest.mark.long), "file"]
+)
 def test_any_motion_is_verified(points, tmp_path):
     """Not the last one alone: a point of a curve, a sweep or a file, with the numbers of the last motion of `solve`."""
     model = duffing()

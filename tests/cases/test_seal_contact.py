@@ -157,7 +157,7 @@ def test_all_events_of_a_rub_are_those_of_its_closed_form(kind, n_nodes, max_ste
         rows = np.flatnonzero(curve.curve_kind == name)
         assert len(rows) == n, name
         at = [float(curve.tones_frequency[rows[0]]), float(radius[rows[0]])]
-        true = fsolve(lambda x: [linear.rub(*(x * at)), slope(x * at, i)], np.ones(2), xtol=1e-12)
+        true = fsolve(lambda x, at=at, i=i: [linear.rub(*(x * at)), slope(x * at, i)], np.ones(2), xtol=1e-12)
         np.testing.assert_allclose(true, 1.0, atol=1e-6)
     np.testing.assert_allclose(curve.tones_frequency[rows[1]], exact[1], rtol=1e-7)
 

@@ -86,7 +86,11 @@ def test_every_group_of_the_input_has_a_page(source):
     pages = {path.stem: path.read_text() for path in (source / "docs" / "user" / "input").glob("*.md")}
     assert set(pages) == groups
     for group, text in pages.items():
-        mine = [f"`{key.name}` | {key.type}" for key in keys if key.section == group or group != "law" and key.section.split()[0] == group]
+        mine = [
+            f"`{key.name}` | {key.type}"
+            for key in keys
+            if key.section == group or group != "law" and key.section.split()[0] == group
+        ]
         assert sorted(set(mine) & set(rows_of(text))) == sorted(set(mine)), group
         assert text.startswith(f"# `&{group}`\n") and len(text.split()) < 2500, group
     rest = (source / "docs" / "user" / "input.md").read_text()

@@ -218,8 +218,8 @@ def test_verify_takes_friction_and_chosen_points_on_two_ranks(tmp_path):
     assert np.isnan(largest[0]) and largest[1] < 5e-2 and 1e-2 < largest[2] < 1.8e-2
 
 
-# Converged motions from which a time integration departs; that of another program (tests/campaigns/points) ends at the given distance from
-# them.
+# Converged motions from which a time integration departs; that of another program (tests/campaigns/points) ends at the given
+# distance from them.
 DEPARTING = {
     "grows slowly": (
         UNSTABLE,

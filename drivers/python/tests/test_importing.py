@@ -279,7 +279,9 @@ def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name,
     assert not (tmp_path / "out.h5").exists()
 
 
-@pytest.mark.parametrize("end", [pytest.param(".mtx.gz", marks=pytest.mark.long), pytest.param(".mtx.bz2", marks=pytest.mark.long), ".npz"])
+@pytest.mark.parametrize(
+    "end", [pytest.param(".mtx.gz", marks=pytest.mark.long), pytest.param(".mtx.bz2", marks=pytest.mark.long), ".npz"]
+)
 def test_files_that_are_far_larger_than_their_bytes_are_refused(tmp_path, end):
     """100 MB of numbers in less than 1 MB; a matrix of a net of the same size on the disk is read."""
     path = tmp_path / f"large{end}"

@@ -240,7 +240,8 @@ def test_critical_speeds_of_bearings_that_stiffen_with_the_speed():
 
 
 def test_models_of_rotors_have_their_speed_and_unbalance():
-    """Circular whirl at a row of the tables, against the linear equations at that speed; the speed follows the tone along sweeps."""
+    """Circular whirl at a row of the tables, against the linear equations at that speed; the speed follows the tone along
+    sweeps."""
     speeds = [0.0, 150.0, 400.0, 1000.0]
     stiffness = [[[k, 0.2 * k], [-0.2 * k, k]] for k in (2e5, 5e5, 9e5, 2e6)]
     rotor = with_tables(stiffness, [300.0, 250.0, 200.0, 100.0], speeds)

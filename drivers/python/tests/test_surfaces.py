@@ -89,7 +89,8 @@ def bodies(kind, n_first, n_second, turn=None):
     n = len(corners)
     return Structure(
         mass=sp.identity(3 * n), stiffness=sp.identity(3 * n), labels=[f"n{i + 1}.{d}" for i in range(n) for d in "xyz"],
-        node_numbers=np.arange(1, n + 1), coordinates=coordinates, dof_node=np.repeat(np.arange(n), 3), dof_direction=list("xyz" * n),
+        node_numbers=np.arange(1, n + 1), coordinates=coordinates,
+        dof_node=np.repeat(np.arange(n), 3), dof_direction=list("xyz" * n),
         cell_types=np.full(len(cells), kind), cell_starts=n_nodes * np.arange(len(cells) + 1), cell_nodes=np.ravel(cells),
         sets={name: np.array(sorted(members)) for name, members in sets.items()},
     )  # fmt: skip
@@ -241,8 +242,8 @@ def test_the_command_makes_contacts_and_laws(tmp_path, capsys, monkeypatch):
     pytest.importorskip("skfem")
     monkeypatch.chdir(tmp_path)
     for name, n in (("a", 2), ("b", 3)):
-        assert main(["solid", "--length", "0.04", "--width", "0.03", "--height", "0.02", "--n-x", str(n), "--n-y", str(n), "-o", f"{name}.h5",
-                     "--clamped", {"a": "left", "b": "right"}[name]]) == 0  # fmt: skip
+        size = ["--length", "0.04", "--width", "0.03", "--height", "0.02", "--n-x", str(n), "--n-y", str(n)]
+        assert main(["solid", *size, "--clamped", {"a": "left", "b": "right"}[name], "-o", f"{name}.h5"]) == 0
     assert (
         main(["assemble", "a=a.h5", "b=b.h5", "--at", "b=0.02,0,0.02", "--surfaces", "joint=a_top,b_bottom", "-o", "both.h5"]) == 0
     )

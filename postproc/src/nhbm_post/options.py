@@ -143,8 +143,8 @@ def add_output(sub):
     sub.add_argument("--width", type=positive, metavar="MM", help="width in millimetres; type keeps its size")
     style = sub.add_argument(
         "--style", action="append", default=[], metavar="NAME",
-        help="paper: by default a .pdf of 90 mm, without heading, which is printed for the caption; screen, the default; or a style "
-        "file of matplotlib, such as matplotlibrc, with fonts and sizes; may be repeated",
+        help="paper: by default a .pdf of 90 mm, without heading, which is printed for the caption; screen, the default; or a "
+        "style file of matplotlib, such as matplotlibrc, with fonts and sizes; may be repeated",
     )  # fmt: skip
     style.examples = ("screen", "paper")  # type: ignore[attr-defined]  # for the completion of shells
 

@@ -9,7 +9,8 @@ TOLERANCES = (1e-2, 3e-3, 1e-3)
 
 
 def curve_of(model: Model, draw: np.random.Generator) -> tuple[str, float | None]:
-    """The group of a curve over the frequency, a load, or the place of a stop, and the tolerance to which it is followed, if any."""
+    """The group of a curve over the frequency, a load, or the place of a stop, and the tolerance to which it is followed, if
+    any."""
     n_tones = len(model.omega)
     lowest = float(np.sort(model.modes()[0])[0])
     first, last = 0.4 * lowest, 2.3 * lowest

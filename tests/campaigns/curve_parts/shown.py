@@ -160,7 +160,7 @@ class Curve:
         ends = []
         for sign in (-1.0, 1.0):
             tops = grid[np.argsort(-sign * values)[:N_TOPS]]
-            ends.append(sign * max(_top(lambda p: sign * at(p), top, axis[1]) for top in tops))
+            ends.append(sign * max(_top(lambda p, sign=sign: sign * at(p), top, axis[1]) for top in tops))
         return *ends, float(np.sum(np.abs(c)) + 1e-300)
 
 

@@ -1,4 +1,5 @@
-"""Random systems of few degrees of freedom for tests/campaigns/scenes, their inputs, and what linear algebra and SciPy say of a motion."""
+"""Random systems of few degrees of freedom for tests/campaigns/scenes, their inputs, and what linear algebra and SciPy say of a
+motion."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ class Accessor:
 
     @property
     def is_stable(self) -> xr.DataArray:
-        """Whether each motion is stable: True or False, and None where that is unknown; the attribute `comment` says why where it was
-        left out because of its cost."""
+        """Whether each motion is stable: True or False, and None where that is unknown; the attribute `comment` says why where it
+        was left out because of its cost."""
         words = self._dataset["stability"]
         if not bool((words == "unknown").any()):
             return words == "stable"

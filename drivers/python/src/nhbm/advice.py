@@ -1,5 +1,5 @@
-"""Advice on models and motions as warnings: one way for solve, response, gradient, curve and sweep. Texts are those of the library's
-table of advice."""
+"""Advice on models and motions as warnings: one way for solve, response, gradient, curve and sweep. Texts are those of the
+library's table of advice."""
 
 from __future__ import annotations
 

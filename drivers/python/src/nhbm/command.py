@@ -182,7 +182,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--pair", action="append", default=[], metavar="NAME=SET,SET",
                       help="pair of coincident nodes of two sets, named NAME_1 and NAME_2")  # fmt: skip
     verb.add_argument("--surfaces", action="append", default=[], metavar="NAME=SET,SET",
-                      help="contact between faces of two sets, whose meshes may differ: directions NAME.n, NAME.s, NAME.t")  # fmt: skip
+                      help="contact between faces of two sets, whose meshes may differ: NAME.n, NAME.s, NAME.t")  # fmt: skip
     verb.add_argument("--within", type=float, default=0.0, metavar="M", help="largest distance of nodes of a pair, or of surfaces")
     verb.add_argument("--partial", action="store_true", help="nodes of both sets of a pair may meet none of the other set")
     _loads(verb)

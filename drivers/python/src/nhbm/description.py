@@ -59,7 +59,7 @@ def _public(method: _Method, held: Callable[[Any], Any]) -> _Method:
             with held(self):
                 return method(self, *arguments, **options)
         except (ModelError, KeyError) as error:
-            raise error.with_traceback(foreign_frames(error))
+            raise error.with_traceback(foreign_frames(error)) from error.__cause__
         except TypeError:
             try:
                 signature.bind(self, *arguments, **options)

@@ -42,7 +42,7 @@ def without_own_frames(function: _Function) -> _Function:
         try:
             return function(*arguments, **options)
         except (ModelError, KeyError) as error:
-            raise error.with_traceback(foreign_frames(error))
+            raise error.with_traceback(foreign_frames(error)) from error.__cause__
 
     return cast(_Function, call)
 

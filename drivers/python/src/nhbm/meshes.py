@@ -96,7 +96,9 @@ def _by_meshio(path: Path) -> Mesh:
             mesh = meshio.read(path)
     except (Exception, SystemExit) as error:  # meshio's readers raise whatever they meet, or print it and exit
         why = output.getvalue() if isinstance(error, SystemExit) else str(error)
-        raise ModelError(f"file '{path}' is not a mesh that meshio reads: {' '.join(why.split()) or 'none of its readers takes it'}") from None
+        raise ModelError(
+            f"file '{path}' is not a mesh that meshio reads: {' '.join(why.split()) or 'none of its readers takes it'}"
+        ) from None
     numbers = _numbers_of_gmsh(path) if path.suffix == ".msh" else None
     if numbers is not None and len(numbers) != len(mesh.points):
         numbers = None

@@ -163,9 +163,10 @@ class Rotor:
         self._unbalance.setdefault(found.name, []).append((node, amount, angle))
 
     def model(self, speed: float, ratio: float = 1.0, **groups: Any) -> Model:
-        """The model in which the unbalance of each shaft turns with it: tone 1 is the speed of shafts of speed 1 [rad/s], and tone 2,
-        for shafts of speed 2, `ratio` times that; the speeds of structure and bearings follow the tones, also along curves and sweeps.
-        groups: of `nhbm.Model`, such as ``harmonics={"order": 5}``."""
+        """The model in which the unbalance of each shaft turns with it: tone 1 is the speed of shafts of speed 1 [rad/s], and
+        tone 2,
+        for shafts of speed 2, `ratio` times that; the speeds of structure and bearings follow the tones, also along curves and
+        sweeps. groups: of `nhbm.Model`, such as ``harmonics={"order": 5}``."""
         from nhbm.model import Model
 
         n_speeds = max([shaft.speed for shaft in self._shafts], default=1)
@@ -252,7 +253,8 @@ class Rotor:
 
         Source: K u = W**2 (order**2 M - i order G) u, G the gyroscopic matrix of all shafts at W = 1, for whirl u exp(i order W t);
         for equal bearings (x, y) = (1, -i) u of circular whirl. Bearings whose stiffness is not symmetric, as of oil films, feed or
-        damp whirls: then a whirl frequency of the damped rotor (`campbell`) is |order| times the speed. Motions R of a rotor as a rigid
+        damp whirls: then a whirl frequency of the damped rotor (`campbell`) is |order| times the speed. Motions R of a rotor as a
+        rigid
         body, which its bearings do not hold, are left out: R**T K = 0 requires R**T (order**2 M - i order G) u = 0 of others."""
         ratio, order = _number("ratio", ratio), _number("order", order)
         if not _number("up_to", up_to) > 0:

@@ -596,8 +596,8 @@ class Session:
         """Hands a structure over to the library; what goes wrong in Python is raised again when the library has returned."""
         try:
             structure: Any = self._structures(name)
-            functions = {name: getattr(self._library, f"nhbm_structure_{name}")
-                         for name in ("set_dofs", "set_matrix", "add_load", "set_nodes", "set_coordinates", "add_node_set")}  # fmt: skip
+            names = ("set_dofs", "set_matrix", "add_load", "set_nodes", "set_coordinates", "add_node_set")
+            functions = {name: getattr(self._library, f"nhbm_structure_{name}") for name in names}
             n = len(structure.labels)
             units = _words([unit or "1" for unit in structure.units])
             code = functions["set_dofs"](builder, _words(structure.labels), units, structure.up_to or 0.0)

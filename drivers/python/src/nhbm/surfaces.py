@@ -3,7 +3,8 @@
 Each corner j of the first surface is a point. With the linear shape functions psi_j of the corners, integrated over the part of
 both surfaces where they face each other, its relative motion is the mean of u_1 - u_2 weighted by psi_j, and its area the integral
 of psi_j. Since the psi_j add up to one, a uniform pressure passes as such, whatever the meshes (patch test). Source: Puso, A 3D
-mortar method for solid mechanics, Int. J. Numer. Meth. Engng 59 (2004), and for quadratic faces with linear multipliers Puso, Laursen
+mortar method for solid mechanics, Int. J. Numer. Meth. Engng 59 (2004), and for quadratic faces with linear multipliers Puso,
+Laursen
 and Solberg, Comput. Methods Appl. Mech. Engrg. 197 (2008). Faces are flat between their corners; nodes between corners stand
 halfway.
 """

@@ -53,7 +53,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         The first values of all paths form a point, the second values the next, as for random samples.
     of : str or function, optional
         Stores numbers instead of motions: a response ("x1 (1)"; "x* (1)" is the largest of all that match), or a function of the
-        model that returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. It gets a model without a last motion,
+        model that returns a number or a mapping of numbers, such as ``functools.partial(nhbm.Model.peak, of="x1", ...)``. It gets
+        a model without a last motion,
         so that the numbers of a point do not depend on other points; with ``warm=True`` that of the point before.
     {tolerance and order}
     warm : bool, optional
