@@ -212,13 +212,13 @@ def whole_numbers(values: Any) -> Any:
     """An array of C that holds these numbers, or shares those of an int32 array.
 
     An argument whose conversion runs Python code, as those of numpy.ctypeslib do, turns an interrupt into an ArgumentError."""
-    held = np.require(values, np.int32, ("C", "W"))
+    held: Any = np.require(values, np.int32, ("C", "W"))
     return (ctypes.c_int * held.size).from_buffer(held)
 
 
 def real_numbers(values: Any) -> Any:
     """An array of C that holds these numbers, or shares those of a float64 array."""
-    held = np.require(values, np.float64, ("C", "W"))
+    held: Any = np.require(values, np.float64, ("C", "W"))
     return (ctypes.c_double * held.size).from_buffer(held)
 
 

@@ -11,7 +11,8 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from nhbm.errors import Implausible, Jump, NotConverged
 from nhbm.groups import Group
 from nhbm.laws import Law, laws_of
-from nhbm.schema import SOLVED, Advice
+from nhbm.schema import SOLVED
+from nhbm.schema import Advice as Advice
 from nhbm.session import Session
 
 _OF_TONES = frozenset({"near_commensurate", "commensurate", "dependent_tone", "one_tone_of_two", "one_tone_of_many", "equal_tones",

@@ -183,7 +183,8 @@ def motion_of(rows: Rows, source: Source, attributes: Mapping[str, Any]) -> xr.D
         found = result_of(columns_of(rows, False), source, {}, attributes)
         layout.templates[key] = _Template(layout, found)
         return found
-    return template.filled(rows, source, attributes)
+    filled: xr.Dataset = template.filled(rows, source, attributes)
+    return filled
 
 
 _FIXED = {"status", "tuples", "frequency", "coefficients"}  # columns of a motion with a template
@@ -329,7 +330,7 @@ def with_words(columns: xr.Dataset) -> xr.Dataset:
     return columns.assign(texts).rename({old: new for old, new in _NAMES.items() if old in columns})
 
 
-def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
+def split(columns: xr.Dataset, source: Source) -> xr.Dataset:
     """A dataset of what users need, with the other columns and the input as its details."""
     columns = columns.set_coords([name for name in _COORDINATES if name in columns.data_vars])
     if "tuple" in columns.coords and columns["tuple"].dims == ("harmonic", "tone"):
@@ -348,20 +349,19 @@ def split(columns: xr.Dataset, source: Source | None = None) -> xr.Dataset:
     return main
 
 
-def _without_unknown(columns: xr.Dataset, source: Source | None) -> xr.Dataset:
+def _without_unknown(columns: xr.Dataset, source: Source) -> xr.Dataset:
     """Without the columns for users that are not known at any point, and their axes, which a file has: `source` notes them."""
     reals = {name: columns[name].values for name in _MAIN if name in columns.data_vars and columns[name].dtype.kind == "f"}
     unknown = [name for name, values in reals.items()
                if name not in ("coefficients", "force_coefficients") and values.size and not np.isfinite(values).any()]  # fmt: skip
-    if source is not None:
-        for name in unknown:
-            axes = tuple(axis for axis in columns[name].dims if axis != "point")
-            source.absent.setdefault(name, (columns[name].dtype, axes, dict(columns[name].attrs)))
-        for axis in ("law", "multiplier"):
-            if axis in columns.coords:
-                source.labels.setdefault(axis, list(columns[axis].values))
-    columns = columns.drop_vars(unknown)
-    used = {axis for name in columns.data_vars for axis in columns[name].dims}
+    for name in unknown:
+        axes = tuple(axis for axis in columns[name].dims if axis != "point")
+        source.absent.setdefault(name, (columns[name].dtype, axes, dict(columns[name].attrs)))
+    for axis in ("law", "multiplier"):
+        if axis in columns.coords:
+            source.labels.setdefault(axis, list(columns[axis].values))
+columns = columns.drop_vars(unknown)
+used = {axis for name in columns.data_vars for axis in columns[name].dims}
     return columns.drop_vars([axis for axis in ("law", "multiplier") if axis in columns.coords and axis not in used])
 
 

@@ -7,7 +7,7 @@ import functools
 import importlib
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, TypeVar, cast
 
@@ -81,13 +81,13 @@ def imported(module: str, purpose: str, package: str = "") -> Any:
         raise ModelError(f"{purpose} {name}, which is not installed: pip install {name}{extra}") from None
 
 
-def meant(name: str, known: list[str]) -> str:
+def meant(name: str, known: Sequence[str]) -> str:
     """The end of a message on an unknown name: the known one that is like it, if there is one."""
     lower = {other.lower(): other for other in reversed(known)}
     close = difflib.get_close_matches(name.lower(), lower, 1, 0.7)
     return f"; did you mean '{lower[close[0]]}'?" if close else ""
 
 
-def among(name: str, known: list[str]) -> str:
+def among(name: str, known: Sequence[str]) -> str:
     """The end of a message on an unknown name: the known one that is like it, or all known ones."""
     return meant(name, known) or f"; known: {', '.join(known)}"

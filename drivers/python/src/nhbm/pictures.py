@@ -50,7 +50,7 @@ def _labelled(name: str, values: xr.DataArray) -> str:
     """Name and unit of an axis."""
     unit = re.sub(r"(?<=[A-Za-z])(\d)", lambda digit: "⁰¹²³⁴⁵⁶⁷⁸⁹"[int(digit[1])], str(values.attrs.get("units", "1")))
     unit = "" if unit == "1" else unit
-    words = values.attrs.get("long_name", values.attrs.get("parameter", name))
+    words = str(values.attrs.get("long_name", values.attrs.get("parameter", name)))
     return words + (f" [{unit}]" if unit else "")
 
 
@@ -112,9 +112,9 @@ def _over_points(ax: Any, data: xr.Dataset, of: str) -> None:
     ax.set(xlabel=_labelled(name, data[name]), ylabel=_labelled(of, y))
     labels = ax.get_legend_handles_labels()[1]
     if labels:
-        title = textwrap.fill(heading, _LEGEND_WIDTH) if len(groups) > 1 and not is_curve else None
+        above = textwrap.fill(heading, _LEGEND_WIDTH) if len(groups) > 1 and not is_curve else None
         ax.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=_columns_for(labels), borderaxespad=0.3,
-                  title=title, alignment="left")  # fmt: skip
+                  title=above, alignment="left")  # fmt: skip
 
 
 def _columns_for(labels: list[str]) -> int:

@@ -183,8 +183,8 @@ class Rotor:
             if shaft.name in self._unbalance:
                 tuple_ = [int(k == shaft.speed - 1) for k in range(n_speeds)]
                 for part in ("cos", "sin"):
-                    vector = f"unbalance_{shaft.name}_{part}"
-                    made.load(vector=vector, tuple_=tuple_, frequency_power=2, **{part: 1.0})
+                    unit: dict[str, Any] = {part: 1.0}
+                    made.load(vector=f"unbalance_{shaft.name}_{part}", tuple_=tuple_, frequency_power=2, **unit)
         return made
 
     def structure(self) -> Structure:

@@ -304,7 +304,7 @@ class Session:
         self._share(int(has_budget))
         sweep = Sweep()
         self._alter("sweep_begin", ctypes.byref(sweep))
-        return sweep.n_chains
+        return int(sweep.n_chains)
 
     def select_chains(self, first: int, n: int) -> None:
         """Chooses the chains whose points follow."""
