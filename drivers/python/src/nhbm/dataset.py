@@ -360,8 +360,8 @@ def _without_unknown(columns: xr.Dataset, source: Source) -> xr.Dataset:
     for axis in ("law", "multiplier"):
         if axis in columns.coords:
             source.labels.setdefault(axis, list(columns[axis].values))
-columns = columns.drop_vars(unknown)
-used = {axis for name in columns.data_vars for axis in columns[name].dims}
+    columns = columns.drop_vars(unknown)
+    used = {axis for name in columns.data_vars for axis in columns[name].dims}
     return columns.drop_vars([axis for axis in ("law", "multiplier") if axis in columns.coords and axis not in used])
 
 
