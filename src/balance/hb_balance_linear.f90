@@ -92,8 +92,8 @@ contains
    !> A few units in the last place of the largest terms of each equation: |F_ext| + |S| |u|, and the effect of an
    !> error of one unit in the motion on the forces of stiff laws. If frequencies change, the condensation has
    !> different rounding errors at each of them: units in the last place of the stiffness before the interior is
-   !> eliminated, and of stiffness and inertia, which cancel at a resonance. Above `equality_tolerance` a point counts as failed, not
-   !> as rounded.
+   !> eliminated, and of stiffness and inertia, which cancel at a resonance. Above `equality_tolerance` a point counts as failed,
+   !> not as rounded.
    real(wp) function rounding_level_of(self, u)
       class(balance_t), intent(inout) :: self
       real(wp), intent(in) :: u(self%harmonics%n_coefficients, self%n_dofs)

@@ -237,8 +237,8 @@ contains
       if (sign(1.0_wp, value) < 0.0_wp) text = "-"//text
    end subroutine write_real
 
-   !> Formats a number with at most eight decimals, as most numbers of an input, in a tenth of the time: a quotient of two integers that
-   !> numbers of this kind represent exactly is rounded as its decimal form is. Not allocated for other numbers.
+   !> Formats a number with at most eight decimals, as most numbers of an input, in a tenth of the time: a quotient of two integers
+   !> that numbers of this kind represent exactly is rounded as its decimal form is. Not allocated for other numbers.
    pure subroutine write_short(value, text)
       real(wp), intent(in) :: value                         !! 0 or of a magnitude in [0.01, 1e6)
       character(:), allocatable, intent(out) :: text

@@ -349,8 +349,9 @@ contains
       call MPI_Win_lock_all(0, self%window)
    end subroutine new_work_counter
 
-   !> Fails if shared memory of one of the machines is used up: the window would then fail on one rank alone, and the others would wait
-   !> for it. Open MPI and MPICH have its file in /dev/shm; where there is none, or another folder was requested, nothing is known.
+   !> Fails if shared memory of one of the machines is used up: the window would then fail on one rank alone, and the others would
+   !> wait for it. Open MPI and MPICH have its file in /dev/shm; where there is none, or another folder was requested, nothing is
+   !> known.
    subroutine check_shared_memory(comm, error)
       type(comm_t), intent(in) :: comm
       type(error_t), allocatable, intent(out) :: error

@@ -440,7 +440,7 @@ contains
       if (size(all_positions, 2) > 1) self%positions = all_positions(:n, :)
       if (.not. present(key)) return
       if (.not. allocated(self%weights)) allocate (self%weights(0))
-      allocate (all_weights(size(self%weights) + 1))                  ! gfortran 12 does not free components of constructors in a list
+      allocate (all_weights(size(self%weights) + 1))                  ! gfortran 12 leaks components of constructors in a list
       all_weights(:size(self%weights)) = self%weights
       associate (new => all_weights(size(all_weights)))
          new%key = key

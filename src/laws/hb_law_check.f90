@@ -139,8 +139,8 @@ contains
       end do
    end subroutine compare
 
-   !> Whether some of the samples, in an irregular order, have other forces than f: sums over half of a symmetric motion may be those
-   !> over all of it.
+   !> Whether some of the samples, in an irregular order, have other forces than f: sums over half of a symmetric motion may be
+   !> those over all of it.
    logical function mixes(law, samples, f)
       class(law_t), intent(in) :: law
       type(samples_t), intent(in) :: samples

@@ -11,8 +11,8 @@ contains
 
    !> Overwrites a with its factors. `is_singular` if a pivot is too small for division; the factors are then invalid.
    subroutine factorise_band(a, n_lower, n_upper, pivots, is_singular)
-      complex(wp), intent(inout), contiguous :: a(:, :)               !! (2 n_lower + n_upper + 1, n), as of `zgbtrf`; the first n_lower
-                                                                      !! rows are zero
+      complex(wp), intent(inout), contiguous :: a(:, :)               !! (2 n_lower + n_upper + 1, n), as of `zgbtrf`; the first
+                                                                      !! n_lower rows are zero
       integer, intent(in) :: n_lower, n_upper
       integer, intent(out) :: pivots(:)                               !! (n)
       logical, intent(out) :: is_singular

@@ -6,8 +6,8 @@
 !>
 !> Pivots come from complete pivoting of the shape with its rows divided by the square root of the diagonal stiffness:
 !> soft degrees of freedom are replaced, so that no stiff one dominates those that remain in T^T K T. Source:
-!> docs/why/theory.md, section 4. Coordinates that share no degree of freedom are in different parts, each with blocks of its own: the
-!> work grows with the number of parts.
+!> docs/why/theory.md, section 4. Coordinates that share no degree of freedom are in different parts, each with blocks of its own:
+!> the work grows with the number of parts.
 module hb_coordinates
    use hb_kinds, only: wp
    use hb_lapack, only: dgetrf, dgetrs

@@ -9,8 +9,8 @@ module hb_chained_points
 
 contains
 
-   !> Whether points start from their neighbours by default: if there are many consecutive ones along physical parameters that change
-   !> gradually.
+   !> Whether points start from their neighbours by default: if there are many consecutive ones along physical parameters that
+   !> change gradually.
    pure logical function is_chained(plan, model)
       type(sweep_plan_t), intent(in) :: plan
       type(model_t), intent(in) :: model                              !! of the first point

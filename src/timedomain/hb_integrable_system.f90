@@ -28,8 +28,8 @@ contains
       lacks_mass = singular_at /= 0
    end function lacks_mass
 
-   !> Whether some coordinate is so much faster than what is integrated that explicit steps would not end: an undamped one by the square
-   !> root of k/m, a damped one by c/m, of the diagonals. Implicit steps pass over its own vibration.
+   !> Whether some coordinate is so much faster than what is integrated that explicit steps would not end: an undamped one by the
+   !> square root of k/m, a damped one by c/m, of the diagonals. Implicit steps pass over its own vibration.
    logical function is_stiff(system, period, highest)
       type(system_t), intent(in) :: system
       real(wp), intent(in) :: period                                  !! [s] of the slowest tone

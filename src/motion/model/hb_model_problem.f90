@@ -292,7 +292,7 @@ contains
       real(wp), intent(in), contiguous :: x(:)
       real(wp), intent(in) :: distance
       real(wp), intent(out), contiguous :: sides(:, -1:)
-      logical, intent(out) :: is_possible                             !! false: nothing is condensed, or there are no such frequencies
+      logical, intent(out) :: is_possible                             !! false: nothing is condensed, or no such frequencies
       real(wp) :: omega(size(self%omega)), value
       integer :: k
 
