@@ -61,40 +61,40 @@ class Model:
                  f"stiffness={matrix(self.stiffness, 0)} /",
                  f"&tones frequency={', '.join(repr(float(w * units.time)) for w in self.frequency)} /"]
         for i, of, cos in self.loads:
-            lines.append(f"&load dof='x{i + 1}', tuple={', '.join(map(str, of))}, cos={cos * units.equations[i]!r} /")
+            lines.append(f"&load dof='x{i + 1}', tuple={', '.join(map(str, of))}, cos={cos * units.equations[i]:.17g} /")
         lines += [law(units) for law in self.laws]
         return "\n".join([*lines, self.rest])
 
 
 def cubic(i, k):
-    return lambda u: f"&law type='cubic_spring', dof='x{i + 1}', stiffness={k * u.force(i, [i] * 3)!r} /"
+    return lambda u: f"&law type='cubic_spring', dof='x{i + 1}', stiffness={k * u.force(i, [i] * 3):.17g} /"
 
 
 def stop(i, k, gap):
-    return lambda u: (f"&law type='elastic_stop', dof='x{i + 1}', stiffness={k * u.force(i, [i])!r}, "
-                      f"gap={gap / u.coordinates[i]!r} /")
+    return lambda u: (f"&law type='elastic_stop', dof='x{i + 1}', stiffness={k * u.force(i, [i]):.17g}, "
+                      f"gap={gap / u.coordinates[i]:.17g} /")
 
 
 def slider(i, k, limit):
-    return lambda u: (f"&law type='jenkins', dof='x{i + 1}', stiffness={k * u.force(i, [i])!r}, "
-                      f"limit={limit * u.force(i)!r} /")
+    return lambda u: (f"&law type='jenkins', dof='x{i + 1}', stiffness={k * u.force(i, [i]):.17g}, "
+                      f"limit={limit * u.force(i):.17g} /")
 
 
 def wall(i, gap, restitution):
-    return lambda u: f"&law type='rigid_wall', dof='x{i + 1}', gap={gap / u.coordinates[i]!r}, restitution={restitution!r} /"
+    return lambda u: f"&law type='rigid_wall', dof='x{i + 1}', gap={gap / u.coordinates[i]:.17g}, restitution={restitution:.17g} /"
 
 
 def van_der_pol(i, c, length):
     """Force c (x**2/length**2 - 1) x'."""
-    return lambda u: (f"&law type='polynomial_coupled', dofs='x{i + 1}', coefficients={-c * u.force(i, rates=[i])!r}, "
-                      f"{c / length**2 * u.force(i, [i, i], [i])!r}, acts_on='x{i + 1}', 'x{i + 1}', "
+    return lambda u: (f"&law type='polynomial_coupled', dofs='x{i + 1}', coefficients={-c * u.force(i, rates=[i]):.17g}, "
+                      f"{c / length**2 * u.force(i, [i, i], [i]):.17g}, acts_on='x{i + 1}', 'x{i + 1}', "
                       "displacement_exponents=0, 2, velocity_exponents=1, 1 /")
 
 
 def coil(i, j, b):
     """The force b x_i**2 x_j of a current j, and the voltage -b x_i**2 v_i."""
-    return lambda u: (f"&law type='polynomial_coupled', dofs='x{i + 1}', 'x{j + 1}', coefficients={b * u.force(i, [i, i, j])!r}, "
-                      f"{-b * u.force(j, [i, i], [i])!r}, acts_on='x{i + 1}', 'x{j + 1}', "
+    return lambda u: (f"&law type='polynomial_coupled', dofs='x{i + 1}', 'x{j + 1}', coefficients={b * u.force(i, [i, i, j]):.17g}, "
+                      f"{-b * u.force(j, [i, i], [i]):.17g}, acts_on='x{i + 1}', 'x{j + 1}', "
                       "displacement_exponents=2, 1, 2, 0, velocity_exponents=0, 0, 1, 0 /")
 
 
