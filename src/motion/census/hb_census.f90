@@ -1,66 +1,34 @@
 !> A census: the coexisting motions of a model at its values, and an estimate of how many were missed.
 !>
-!> Newton's method runs from the first guess of the model, from directed and from random starts (hb_census_starts), without
-!> fallbacks; from multiples with other phases of each motion found, with deflation of all known ones (hb_deflation), which
-!> finds partners at folds; mirror images are tried. The branches of all motions found under varied loads (hb_load_branch) pass
-!> further ones. Motions that differ by a period of the loads are the same. Walls with a given restitution have no balance:
-!> the model is integrated in time from random states, which finds attractors alone. Each motion is
-!> then described like that of a point, to the requested tolerance if there is one. How often random starts have found each
-!> motion gives the estimate (hb_census_estimate); all other finds together are the other capture.
+!> A search (hb_census_search) runs from the first guess of the model, from directed and from random starts (hb_census_starts), and
+!> along the branches of all motions found. Walls with a given restitution have no balance: the model is integrated in time from
+!> random states, which finds attractors alone. Each motion is then described like that of a point, to the requested tolerance
+!> if there is one. How often random starts have found each motion gives the estimate (hb_census_estimate); all other finds
+!> together are the other capture.
 module hb_census
-   use hb_balance, only: balance_t, new_balance
    use hb_cancellation, only: cancellation_t, note_progress, work_is_over
    use hb_census_estimate, only: completeness_t, estimate_completeness
-   use hb_census_starts, only: new_starts, start_kind, starts_t
+   use hb_census_search, only: census_config_t, census_motion_t, search_t
+   use hb_census_starts, only: start_kind
    use hb_clock, only: wall_clock
-   use hb_deflation, only: follow_deflated, is_apart, scale_of, shifted
-   use hb_discretisation, only: discretisation_t, symmetry
-   use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness
+   use hb_deflation, only: is_apart
+   use hb_discretisation, only: symmetry
    use hb_error, only: error_t, fail
-   use hb_harmonics, only: harmonics_t, new_box, new_of_parity
-   use hb_kinds, only: two_pi, wp
-   use hb_law_coordinates, only: laws_at
-   use hb_level, only: check_discretisation, degree_of, estimate_of, join, level_t, transferred
-   use hb_load_branch, only: follow_loads
+   use hb_harmonics, only: harmonics_t
+   use hb_kinds, only: wp
+   use hb_level, only: estimate_of, level_t, transferred
    use hb_model, only: model_t
    use hb_motion_result, only: motion_result_t
    use hb_outcome, only: is_solved, outcome
    use hb_point, only: solve_point
    use hb_primary_method, only: primary_method
-   use hb_solver, only: solve
-   use hb_solver_types, only: report_t, solver_config_t
    use hb_spectrum, only: new_spectrum
-   use hb_system, only: coordinates_of
-   use hb_thresholds, only: equality_tolerance, estimate_safety, max_distance_of_same, negligible_share, rounding_level
-   use hb_torus, only: samples_for
-   use hb_tuple_choice, only: lowest_order
+   use hb_thresholds, only: equality_tolerance, estimate_safety, max_distance_of_same, negligible_share
    implicit none
    private
    public :: census_config_t, census_motion_t, census_t, take_census
 
-   integer, parameter :: max_iterations = 50                         ! from one start
    integer, parameter :: starts_of_integration = 4                   ! random starts that cost as much as one of time integration
-   integer, parameter :: max_copies = 64                              ! of a motion, by periods of the loads
-
-   type :: census_config_t
-      integer :: n_starts = 200                                       !! random ones
-      integer :: seed = 1                                             !! of the random numbers
-      integer :: n_deflated = 40                                      !! starts near each motion found, with deflation
-      real(wp) :: time_limit = huge(1.0_wp)                           !! wall time [s] of the starts and the descriptions
-      procedure(is_requested), pointer, nopass :: ends_starts => null() !! for what has been found so far
-   end type census_config_t
-
-   type :: census_motion_t
-      type(motion_result_t) :: result
-      integer :: n_random = 0                                         !! random starts that led to it
-      integer :: n_directed = 0                                       !! directed starts, likewise
-      integer :: first_kind = start_kind%given                        !! of the start that found it, hb_census_starts
-      integer :: mirror_of = 0                                        !! number of the motion whose mirror image it is; 0: of none
-      real(wp) :: size_of_motion = 0.0_wp                             !! largest amplitude of an oscillation with the same root
-                                                                      !! mean square
-      real(wp), allocatable :: x(:)                                   !! coefficients at the laws' coordinates, on one set
-      logical :: is_on_known_branch = .false.                         !! its branch was followed
-   end type census_motion_t
 
    type :: census_t
       type(census_motion_t), allocatable :: motions(:)                !! by size
@@ -72,36 +40,6 @@ module hb_census
       logical :: is_complete = .false.                                !! the model is linear: there is no other motion
       type(completeness_t) :: completeness
    end type census_t
-
-   abstract interface
-      !> Whether no further start is wanted.
-      logical function is_requested()
-      end function is_requested
-   end interface
-
-   !> The search, on one set.
-   type :: search_t
-      type(balance_t) :: balance
-      type(discretisation_t) :: here
-      type(starts_t) :: starts
-      integer :: n_deflated = 0                                       ! starts near each motion
-      type(solver_config_t) :: config
-      integer :: subharmonic = 1
-      real(wp), allocatable :: linear(:)                              ! the motion without laws
-      type(census_motion_t), allocatable :: motions(:)
-      real(wp) :: started = 0.0_wp                                    ! by the clock [s]
-      real(wp) :: time_of_motion = 0.0_wp                             ! that the description of one takes [s]
-      real(wp) :: time_limit = huge(1.0_wp)                           ! of the starts and the descriptions [s]
-      procedure(is_requested), pointer, nopass :: ends_starts => null()
-   contains
-      procedure :: index_of => search_index_of
-      procedure :: is_over => search_is_over
-      procedure :: try => search_try
-      procedure :: add => search_add
-      procedure :: add_others_from => search_add_others_from
-      procedure :: known => search_known
-      procedure :: scale => search_scale
-   end type search_t
 
    !> Ends all work in progress at a time.
    type, extends(cancellation_t) :: time_limit_t
@@ -158,7 +96,7 @@ contains
          return
       end if
       if (allocated(error)) deallocate (error)                        ! of this motion; that of the model is found again
-      call begin(search, model, level, config, error)
+      call search%begin(model, level, config, error)
       if (allocated(error)) return
       call try_given(search, level, census)
       call try_starts(search, merge(0, config%n_starts, is_integrated), census)
@@ -231,20 +169,11 @@ contains
       i = 1
       do while (i <= size(self%motions))
          if (self%is_over()) exit
-         call add_branch_of(self, i)
+         call self%add_branch_of(i)
          i = i + 1
       end do
       census%n_unfollowed = size(self%motions) - i + 1
    end subroutine follow_branches
-
-   !> Whether no further start may be made: the motions found so far are still to be described.
-   logical function search_is_over(self) result(is_over)
-      class(search_t), intent(in) :: self
-
-      is_over = work_is_over()
-      if (.not. is_over .and. associated(self%ends_starts)) is_over = self%ends_starts()
-      if (.not. is_over) is_over = wall_clock() - self%started + size(self%motions)*self%time_of_motion >= self%time_limit
-   end function search_is_over
 
    !> The only motion of a model without laws.
    subroutine add_linear(result, has_zero, census)
@@ -261,287 +190,6 @@ contains
       motion%size_of_motion = size_of(result, has_zero)
       census%motions = [motion]
    end subroutine add_linear
-
-   !> Prepares the balance and its starts: on the set of the model, or on that of its motion and a small box.
-   subroutine begin(self, model, level, config, error)
-      type(search_t), intent(inout) :: self
-      type(model_t), intent(in) :: model
-      type(level_t), intent(in) :: level                              !! of the motion from its first guess, if there is one
-      type(census_config_t), intent(in) :: config
-      type(error_t), allocatable, intent(out) :: error
-      type(dynamic_stiffness_t) :: stiffness
-      type(harmonics_t) :: odd
-      real(wp), allocatable :: u(:, :)
-
-      allocate (self%motions(0))
-      self%subharmonic = model%system%tones%subharmonic
-      self%here = model%discretisation
-      if (model%options%accuracy%is_on) call choose_set(self%here, model, level, error)
-      if (allocated(error)) return
-      if (self%here%symmetry == symmetry%odd) then
-         call new_of_parity(odd, self%here%harmonics, 1, error)
-         if (allocated(error)) return
-         self%here%harmonics = odd
-      end if
-      associate (here => self%here, omega => model%system%tones%omega)
-         call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), &
-                                    here%harmonics%frequencies(omega), model%system%loads_in(here%harmonics), error)
-         if (allocated(error)) return
-         call new_balance(self%balance, here%harmonics, here%torus, omega, stiffness, &
-                          laws_at(coordinates_of(model%system), model%system%laws), error)
-         if (allocated(error)) return
-         allocate (u(here%harmonics%n_coefficients, self%balance%n_dofs))
-         call self%balance%linear_solution(u)
-         self%linear = [u]
-         self%balance%continues_in_order_first = .false.
-         call new_starts(self%starts, self%balance, here%harmonics, 0.0_wp*self%linear, config%seed)
-      end associate
-      self%n_deflated = config%n_deflated
-      self%time_limit = config%time_limit
-      self%ends_starts => config%ends_starts
-      self%config = model%options%solver
-      self%config%fallback = .false.
-      self%config%max_iterations = min(self%config%max_iterations, max_iterations)
-   end subroutine begin
-
-   !> Sets the discretisation for a requested tolerance: all motions must have room in it, not only the first one.
-   subroutine choose_set(here, model, level, error)
-      type(discretisation_t), intent(inout) :: here
-      type(model_t), intent(in) :: model
-      type(level_t), intent(in) :: level
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: box
-      type(level_t) :: joined
-      integer :: m
-      logical :: is_new
-
-      if (allocated(level%unknowns)) then
-         joined = level
-      else
-         joined%discretisation_t = model%discretisation
-         allocate (joined%unknowns(0))
-      end if
-      if (model%options%accuracy%grows_set) then
-         associate (n_tones => model%system%tones%n_tones)
-            call new_box(box, [(lowest_order(n_tones)*merge(model%system%tones%subharmonic, 1, n_tones == 1), m=1, n_tones)], &
-                         .false., error)
-         end associate
-         if (allocated(error)) return
-         if (allocated(level%unknowns)) then
-            call join(joined, box, is_new)
-         else
-            joined%harmonics = box
-         end if
-      end if
-      if (model%options%accuracy%refines_grid) &
-         call joined%torus%resample(max(joined%torus%n_samples, samples_for(joined%harmonics%highest, degree_of(model%system))))
-      here = joined%discretisation_t
-      call check_discretisation(model%system, here, model%options, error)
-   end subroutine choose_set
-
-   !> Makes a start: the motion to which it leads is counted, and added if it is a new one, with those found from it.
-   subroutine search_try(self, x, kind, n_lost)
-      class(search_t), intent(inout) :: self
-      real(wp), intent(inout), contiguous :: x(:)                     !! first guess, on return arbitrary
-      integer, intent(in) :: kind                                     !! one of `start_kind`
-      integer, intent(inout) :: n_lost
-      integer :: i, n_before
-      logical :: is_found
-
-      call find_motion(self, x, is_found)
-      if (.not. is_found) then
-         n_lost = n_lost + 1
-         return
-      end if
-      n_before = size(self%motions)
-      i = self%index_of(x)
-      if (i == 0) then
-         i = n_before + 1
-         call self%add(x, kind)
-      end if
-      if (kind == start_kind%random) then
-         self%motions(i)%n_random = self%motions(i)%n_random + 1
-      else
-         self%motions(i)%n_directed = self%motions(i)%n_directed + 1
-      end if
-      call self%add_others_from(n_before + 1)
-   end subroutine search_try
-
-   !> Adds the mirror images of motions, and those near them, from a number on.
-   subroutine search_add_others_from(self, first)
-      class(search_t), intent(inout) :: self
-      integer, intent(in) :: first
-      real(wp) :: guess(self%balance%n_unknowns)
-      integer :: i
-
-      i = first
-      do while (i <= size(self%motions))                              ! those found from it follow
-         guess = self%motions(i)%x                                    ! a copy: the list grows
-         call try_mirror_images(self, guess)
-         call try_near(self, guess)
-         i = i + 1
-      end do
-   end subroutine search_add_others_from
-
-   !> Adds the motions on the branch of a motion; a branch is followed once, from the first of its motions.
-   subroutine add_branch_of(self, number)
-      type(search_t), intent(inout), target :: self
-      integer, intent(in) :: number
-      real(wp) :: motion(self%balance%n_unknowns)
-      real(wp), allocatable :: found(:, :)
-      integer :: direction, i, k, n_before
-      logical :: is_closed
-
-      if (self%balance%n_unknowns > self%balance%largest_dense) return
-      if (self%motions(number)%is_on_known_branch .or. self%motions(number)%first_kind == start_kind%mirror) return
-      motion = self%motions(number)%x
-      is_closed = .false.
-      do direction = 1, 2
-         if (is_closed .or. work_is_over()) exit
-         self%balance%law_set%is_given_up = .false.
-         call follow_loads(self%balance, self%config, motion, self%scale(), direction == 1, found)
-         do i = 1, size(found, 2)
-            if (self%balance%drifting(reshape(found(:, i), [size(motion)/self%balance%n_dofs, self%balance%n_dofs]), &
-                                      self%config%tolerance) /= 0) cycle
-            n_before = size(self%motions)
-            k = self%index_of(found(:, i))
-            is_closed = k == number
-            if (k == 0) then
-               k = n_before + 1
-               call self%add(found(:, i), start_kind%continued)
-            end if
-            self%motions(k)%is_on_known_branch = .true.
-            call self%add_others_from(n_before + 1)
-         end do
-      end do
-      self%motions(number)%is_on_known_branch = .true.
-   end subroutine add_branch_of
-
-   !> Newton's method from x.
-   subroutine find_motion(self, x, is_found)
-      type(search_t), intent(inout) :: self
-      real(wp), intent(inout), contiguous :: x(:)
-      logical, intent(out) :: is_found
-      type(report_t) :: report
-
-      self%balance%law_set%is_given_up = .false.
-      call solve(self%balance, self%config, self%linear, x, report)
-      is_found = report%status == outcome%converged
-      if (is_found) is_found = self%balance%drifting(reshape(x, [size(x)/self%balance%n_dofs, self%balance%n_dofs]), &
-                                                     self%config%tolerance) == 0
-   end subroutine find_motion
-
-   !> Starts near a motion, with deflation of all known ones.
-   subroutine try_near(self, motion)
-      type(search_t), intent(inout) :: self
-      real(wp), intent(in) :: motion(:)
-      real(wp) :: x(size(motion))
-      integer :: i
-      logical :: is_found
-
-      if (self%balance%n_unknowns > self%balance%largest_dense) return
-      do i = 1, self%n_deflated
-         if (work_is_over()) return
-         call self%starts%draw_near(self%balance, motion, x)
-         self%balance%law_set%is_given_up = .false.
-         call follow_deflated(self%balance, self%config, self%known(), self%scale(), x, is_found)
-         if (.not. is_found) cycle
-         if (self%index_of(x) == 0) call self%add(x, start_kind%deflated)
-      end do
-   end subroutine try_near
-
-   !> Adds the mirror images of a motion, -x with phases by which the loads change their sign, where they satisfy the balance.
-   subroutine try_mirror_images(self, x)
-      class(search_t), intent(inout) :: self
-      real(wp), intent(in), contiguous :: x(:)
-      real(wp), dimension(size(x)) :: image, r
-      real(wp) :: before
-      integer :: copy
-
-      call self%balance%residual(x, r)
-      before = self%balance%norm(r)
-      do copy = 1, n_copies(self, 2) - 1
-         image = -shifted(x, self%here%harmonics, phases_of(self, copy, 2))
-         call self%balance%residual(image, r)
-         if (.not. self%balance%norm(r) <= max(10.0_wp*before, rounding_level)) cycle
-         if (self%index_of(image) == 0) call self%add(image, start_kind%mirror)
-      end do
-   end subroutine try_mirror_images
-
-   !> Adds a motion to the known ones.
-   subroutine search_add(self, x, kind)
-      class(search_t), intent(inout) :: self
-      real(wp), intent(in) :: x(:)
-      integer, intent(in) :: kind
-      type(census_motion_t) :: motion
-
-      motion%x = x
-      motion%first_kind = kind
-      self%motions = [self%motions, motion]
-   end subroutine search_add
-
-   !> Number of the known motion that x is, or is after periods of the loads; 0: none.
-   integer function search_index_of(self, x) result(found)
-      class(search_t), intent(in) :: self
-      real(wp), intent(in) :: x(:)
-      real(wp) :: moved(size(x), 1), scale(size(x))
-      integer :: copy, i
-
-      scale = self%scale()
-      do copy = 0, n_copies(self, 1) - 1
-         moved(:, 1) = x
-         if (copy > 0) moved(:, 1) = shifted(x, self%here%harmonics, phases_of(self, copy, 1))
-         do i = 1, size(self%motions)
-            found = i
-            if (.not. is_apart(self%motions(i)%x, moved, scale, negligible_share)) return
-         end do
-      end do
-      found = 0
-   end function search_index_of
-
-   !> Known motions, (n_unknowns, any).
-   function search_known(self) result(known)
-      class(search_t), intent(in) :: self
-      real(wp), allocatable :: known(:, :)
-      integer :: i
-
-      allocate (known(self%balance%n_unknowns, size(self%motions)))
-      do i = 1, size(self%motions)
-         known(:, i) = self%motions(i)%x
-      end do
-   end function search_known
-
-   !> Amplitudes of the known motions; typical ones without any.
-   function search_scale(self) result(scale)
-      class(search_t), intent(in) :: self
-      real(wp) :: scale(self%balance%n_unknowns)
-
-      scale = self%balance%x_scale
-      if (size(self%motions) > 0) scale = scale_of(self%known(), self%here%harmonics, self%balance%x_scale)
-   end function search_scale
-
-   !> Number of motions that are the same but for a multiple of a part of the loads' periods; 1 if there are too many.
-   pure integer function n_copies(self, parts) result(n)
-      type(search_t), intent(in) :: self
-      integer, intent(in) :: parts                                    !! of a period
-
-      n = 1
-      associate (n_tones => self%here%harmonics%n_tones)
-         if (real(parts*self%subharmonic, wp)**n_tones <= max_copies) n = (parts*self%subharmonic)**n_tones
-      end associate
-   end function n_copies
-
-   !> Phases of a copy, by its number from 0.
-   pure function phases_of(self, copy, parts) result(phases)
-      type(search_t), intent(in) :: self
-      integer, intent(in) :: copy, parts
-      real(wp) :: phases(self%here%harmonics%n_tones)
-      integer :: m
-
-      associate (n => parts*self%subharmonic)
-         phases = two_pi/n*[(modulo(copy/n**(m - 1), n), m=1, size(phases))]
-      end associate
-   end function phases_of
 
    !> Describes the motions like those of points; solutions that do not persist to the tolerance are dropped.
    subroutine describe(self, model, census)
@@ -718,15 +366,16 @@ contains
    subroutine find_mirror_images(self, motions)
       type(search_t), intent(in) :: self
       type(census_motion_t), intent(inout) :: motions(:)
-      real(wp) :: image(self%balance%n_unknowns, 1), scale(self%balance%n_unknowns)
+      real(wp), allocatable :: images(:, :)
+      real(wp) :: scale(self%balance%n_unknowns)
       integer :: copy, i, k
 
       scale = self%scale()
       do i = 2, size(motions)
-         search: do copy = 1, n_copies(self, 2) - 1
-            image(:, 1) = -shifted(motions(i)%x, self%here%harmonics, phases_of(self, copy, 2))
+         images = self%images(motions(i)%x)
+         search: do copy = 1, size(images, 2)
             do k = 1, i - 1
-               if (is_apart(motions(k)%x, image, scale, 10.0_wp*equality_tolerance)) cycle
+               if (is_apart(motions(k)%x, images(:, copy:copy), scale, 10.0_wp*equality_tolerance)) cycle
                motions(i)%mirror_of = k
                exit search
             end do
