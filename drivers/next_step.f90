@@ -275,7 +275,8 @@ contains
       group => run%here%optional_group("solver")
       call group%get("first_guess", guess)
       if (run%kind%reason /= reason%lost_curve) then
-         if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. run%here%count("dynamic_stiffness") == 0) &
+         if (guess /= "integration" .and. .not. any(run%tones%is_unknown) .and. &
+             run%here%count("dynamic_stiffness") + run%here%count("sector") == 0) &
             text = solve_with(run, "solver%first_guess='integration'")
       else if (run%kind%status == outcome%out_of_budget) then         ! given up, as its errors were too large
          text = with_more_harmonics(run)
@@ -434,7 +435,7 @@ contains
 
       command = ""
       ending = "_integration"
-      if (any(run%tones%is_unknown) .or. run%here%count("dynamic_stiffness") > 0) return
+      if (any(run%tones%is_unknown) .or. run%here%count("dynamic_stiffness") + run%here%count("sector") > 0) return
       command = "nhbm integrate "//shell_word(run%names%input)//earlier(run, [string_t ::])
       if (size(run%plan%parameters) > 0) then
          command = command//" --point "//to_text(run%kind%first - 1)

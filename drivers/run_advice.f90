@@ -11,7 +11,6 @@ module run_advice
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_element_catalogue, only: element_groups
    use hb_error, only: error_t
-   use hb_frequency_part, only: kind_of_part
    use hb_kinds, only: two_pi, wp
    use hb_law_coordinates, only: laws_at
    use hb_linear_part, only: linear_part_t, new_linear_part
@@ -168,7 +167,7 @@ contains
       frequencies = [0.0_wp, maxval(abs(model%discretisation%harmonics%frequencies(model%system%tones%omega)))]
       call new_amplitudes(no_loads, model%system%structure%n_dofs, size(frequencies))
       call new_dynamic_stiffness(stiffness, model%system%structure, coordinates, frequencies, no_loads, error, &
-                                 wanted_slopes_t(of_interior=.false.))
+                                 wanted_slopes_t(of_interior=.false.), reshape([integer ::], [0, size(frequencies)]))
       if (allocated(error)) return
       dofs = stiffness%free_dofs
       if (coordinates%n > 0) then
@@ -194,9 +193,7 @@ contains
       highest = maxval([0.0_wp, abs(model%discretisation%harmonics%frequencies(model%system%tones%omega))])
       associate (structure => model%system%structure)
          if (allocated(structure%parts)) then
-            if (model%system%tones%n_tones > 1 .or. &
-                any([(all(structure%parts(i)%kind /= [kind_of_part%delay, kind_of_part%maxwell]), &
-                      i=1, size(structure%parts))])) then
+            if (model%system%tones%n_tones > 1 .or. .not. all(structure%parts%is_known_growing())) then
                call list%add(advice%no_stability)
             else
                call list%add(advice%no_integration)

@@ -320,6 +320,10 @@ contains
          call say("natural     frequencies are not computed for more than "//to_text(max_dofs)//" degrees of freedom")
          return
       end if
+      if (structure%depends_on_tuple()) then
+         call say("natural     frequencies of a sector are not computed: they depend on the nodal diameter")
+         return
+      end if
       call find_natural_frequencies(structure, frequencies, lacks_gyroscopic)
       n = min(size(frequencies), most)
       note = ""

@@ -8,6 +8,7 @@ module hb_cached_parts
    use hb_coordinates, only: coordinates_t
    use hb_dynamic_stiffness, only: dynamic_stiffness_t, new_dynamic_stiffness, wanted_slopes_t
    use hb_error, only: error_t
+   use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_linear_part, only: linear_part_t, new_linear_part
    use hb_projected_laws, only: projected_laws_t
@@ -21,6 +22,7 @@ module hb_cached_parts
    !> Owner of external resources: call `destroy`.
    type :: cached_parts_t
       integer :: n_condensed = 0                                      !! number of harmonics condensed so far
+      logical :: of_interior = .true.                                 !! the motion of all degrees of freedom is needed
       type(structure_t), private :: structure                         ! structure of the linear part
       real(wp), allocatable, private :: frequencies(:)                ! [rad/s], (n_harmonics)
       type(amplitudes_t), private :: loads                            ! [N]
@@ -47,28 +49,27 @@ contains
 
    !> Moves the linear part of a structure, without slopes and drives, to the caller until it is given back. Fails as
    !> `new_dynamic_stiffness` does.
-   subroutine cached_parts_borrow(self, structure, coordinates, frequencies, loads, linear, error, of_interior)
+   subroutine cached_parts_borrow(self, structure, coordinates, set, frequencies, loads, linear, error)
       class(cached_parts_t), intent(inout) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
-      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      type(harmonics_t), intent(in) :: set
+      real(wp), intent(in) :: frequencies(:)                          !! of the set [rad/s], (n_harmonics)
       type(amplitudes_t), intent(in) :: loads                         !! [N]
       class(linear_part_t), allocatable, intent(out) :: linear
       type(error_t), allocatable, intent(out) :: error
-      logical, intent(in), optional :: of_interior                    !! the motion of all degrees of freedom is needed; default
-                                                                      !! true
       type(wanted_slopes_t) :: wanted
       integer :: n
 
-      if (present(of_interior)) wanted%of_interior = of_interior
+      wanted%of_interior = self%of_interior
       wanted%may_share = .true.
-      if (has_same_stiffness(self, structure, coordinates, frequencies, wanted%of_interior)) then
+      if (has_same_stiffness(self, structure, coordinates, set, frequencies)) then
          call self%linear%change_loads(structure, frequencies, self%loads, loads, error, n)
          self%n_condensed = self%n_condensed + n
          if (.not. allocated(error)) call move_alloc(self%linear, linear)
       else
          call move_alloc(self%linear, linear)
-         call make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
+         call make_linear(structure, coordinates, set, frequencies, loads, linear, error, wanted)
          self%n_condensed = self%n_condensed + size(frequencies)
          if (.not. structure%has_matrices_of(self%structure)) self%structure = structure
          self%frequencies = frequencies
@@ -79,9 +80,10 @@ contains
    end subroutine cached_parts_borrow
 
    !> Creates a linear part.
-   subroutine make_linear(structure, coordinates, frequencies, loads, linear, error, wanted)
+   subroutine make_linear(structure, coordinates, set, frequencies, loads, linear, error, wanted)
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
+      type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: frequencies(:)
       type(amplitudes_t), intent(in) :: loads
       class(linear_part_t), allocatable, intent(inout) :: linear
@@ -89,7 +91,7 @@ contains
       type(wanted_slopes_t), intent(in) :: wanted
       type(dynamic_stiffness_t) :: stiffness
 
-      call new_dynamic_stiffness(stiffness, structure, coordinates, frequencies, loads, error, wanted)
+      call new_dynamic_stiffness(stiffness, structure, coordinates, frequencies, loads, error, wanted, set%tuples)
       if (allocated(error)) return
       if (.not. allocated(linear)) allocate (linear)
       call new_linear_part(linear, stiffness)
@@ -145,18 +147,19 @@ contains
       call self%wide%destroy()
    end subroutine cached_balances_destroy
 
-   logical function has_same_stiffness(self, structure, coordinates, frequencies, of_interior) result(is_same)
+   logical function has_same_stiffness(self, structure, coordinates, set, frequencies) result(is_same)
       type(cached_parts_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
+      type(harmonics_t), intent(in) :: set
       real(wp), intent(in) :: frequencies(:)
-      logical, intent(in) :: of_interior
 
       is_same = allocated(self%linear)
-      if (is_same) is_same = self%linear%has_interior() .or. .not. of_interior
+      if (is_same) is_same = self%linear%has_interior() .or. .not. self%of_interior
       if (is_same) is_same = size(frequencies) == size(self%frequencies)
       if (is_same) is_same = all(frequencies == self%frequencies)
       if (is_same) is_same = coordinates%equal(self%linear%coordinates)
       if (is_same) is_same = structure%has_matrices_of(self%structure)
+      if (is_same .and. allocated(self%linear%tuples)) is_same = all(set%tuples == self%linear%tuples)
    end function has_same_stiffness
 end module hb_cached_parts

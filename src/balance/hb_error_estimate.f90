@@ -120,13 +120,15 @@ contains
          allocate (linear)
          call new_linear_part(linear, stiffness)
       else if (associated(balance%cached_wide)) then
-         call balance%cached_wide%borrow(structure, balance%stiffness%coordinates, set%frequencies(balance%omega), wide_loads, &
-                                     linear, error, of_interior)
+         balance%cached_wide%of_interior = of_interior
+         call balance%cached_wide%borrow(structure, balance%stiffness%coordinates, set, set%frequencies(balance%omega), &
+                                         wide_loads, linear, error)
          call balance%cached_wide%borrow_laws(wide%law_set)
       else
          call new_dynamic_stiffness(stiffness, structure, balance%stiffness%coordinates, set%frequencies(balance%omega), &
                                     wide_loads, error, wanted_slopes_t(of_interior=of_interior, &
-                                                                       drives=set%frequencies(balance%xi*balance%omega)))
+                                                                       drives=set%frequencies(balance%xi*balance%omega)), &
+                                    set%tuples)
          if (allocated(error)) return
          allocate (linear)
          call new_linear_part(linear, stiffness)

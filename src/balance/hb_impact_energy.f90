@@ -110,7 +110,7 @@ contains
 
          seen_at = 0.0_wp
          load = (0.0_wp, 0.0_wp)
-         call new_dynamic_stiffness(dynamic, structure, dofs, [frequency], load, error)
+         call new_dynamic_stiffness(dynamic, structure, dofs, [frequency], load, error, tuples=reshape([integer ::], [0, 1]))
          if (allocated(error)) return
          block = (0.0_wp, 0.0_wp)
          associate (pattern => dynamic%pattern)

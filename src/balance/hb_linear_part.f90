@@ -110,7 +110,7 @@ contains
       type(error_t), allocatable, intent(out) :: error
       integer, intent(out), optional :: n_condensed                   !! harmonics
       type(dynamic_stiffness_t) :: part
-      integer, allocatable :: positions(:)
+      integer, allocatable :: positions(:), tuples(:, :)              ! without tuples, the argument is absent
       integer :: h
       logical :: is_other(size(frequencies))
 
@@ -129,8 +129,9 @@ contains
       is_other(maxloc(abs(frequencies), dim=1)) = .true.
       allocate (positions, source=pack([(h, h=1, size(frequencies))], is_other))
       if (present(n_condensed)) n_condensed = size(positions)
+      if (allocated(self%tuples)) tuples = self%tuples(:, positions)
       call new_dynamic_stiffness(part, structure, self%coordinates, frequencies(positions), loads%at(positions), error, &
-                                 wanted_slopes_t(of_interior=.false.))
+                                 wanted_slopes_t(of_interior=.false.), tuples)
       if (.not. allocated(error)) call self%adopt_loads(part, positions)
    end subroutine linear_part_change_loads
 

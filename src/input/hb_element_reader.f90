@@ -8,7 +8,7 @@ module hb_element_reader
    use hb_parameter_path, only: check_label
    use hb_properties, only: properties_t
    use hb_structure, only: structure_t
-   use hb_structure_element, only: element_box_t, structure_element_t
+   use hb_structure_element, only: dof_key_length, element_box_t, structure_element_t
    use hb_text, only: string_t
    implicit none
    private
@@ -46,38 +46,57 @@ contains
       type(structure_t), intent(in) :: structure
       type(group_problems_t) :: problems
       character(:), allocatable :: label
+      character(dof_key_length), allocatable :: keys(:)
+      integer, allocatable :: dofs(:)
+      integer :: i
 
       if (group%given("label")) call group%get("label", label)        ! used by paths
       call check_label(group, label)
-      call find_dofs(group, structure, self%n_dofs(), self%dofs)
+      call self%get_dof_keys(keys)
+      do i = 1, size(keys)
+         call find_dofs(group, trim(keys(i)), structure, self%n_dofs(), dofs)
+         if (.not. allocated(dofs)) return
+         if (i > 1) dofs = [self%dofs, dofs]
+         call move_alloc(dofs, self%dofs)
+      end do
       call read_numbers(self, group)
       problems%group => group
       call self%check(problems)
       if (.not. group%has_problems()) call self%derive()
    end subroutine read_element
 
-   !> Finds degrees of freedom; not allocated on failure.
-   subroutine find_dofs(group, structure, n, dofs)
+   !> Finds degrees of freedom, of any number also those of sets; not allocated on failure.
+   subroutine find_dofs(group, key, structure, n, dofs)
       type(properties_t), intent(inout) :: group
+      character(*), intent(in) :: key
       type(structure_t), intent(in) :: structure
-      integer, intent(in) :: n
+      integer, intent(in) :: n                                        !! 0: any
       integer, allocatable, intent(out) :: dofs(:)
       type(string_t), allocatable :: names(:)
       type(error_t), allocatable :: error
-      integer :: found(n), i
+      integer, allocatable :: found(:), of_name(:)
+      integer :: i, k
 
-      call group%get("dofs", names, n=n)
+      if (n > 0) call group%get(key, names, n=n)
+      if (n == 0) call group%get(key, names, required=.true.)
       if (.not. allocated(names)) return
-      if (size(names) /= n) return
-      found = 0
-      do i = 1, n
-         call structure%find_dof(names(i)%value, found(i), error)
-         if (allocated(error)) then
-            call group%problem("dofs", error%message)
-         else if (any(found(:i - 1) == found(i))) then
-            call group%problem("dofs", "degree of freedom '"//names(i)%value//"' is named twice")
+      if (n > 0 .and. size(names) /= n) return
+      allocate (found(0))
+      do i = 1, size(names)
+         if (n == 0) then
+            call structure%find_dofs(names(i)%value, of_name, error)
+         else
+            of_name = [0]
+            call structure%find_dof(names(i)%value, of_name(1), error)
          end if
+         if (allocated(error)) then
+            call group%problem(key, error%message)
+            of_name = [0]
+         else if (any([(any(found == of_name(k)), k=1, size(of_name))])) then
+            call group%problem(key, "degree of freedom '"//names(i)%value//"' is named twice")
+         end if
+         found = [found, of_name]
       end do
-      dofs = found
+      call move_alloc(found, dofs)
    end subroutine find_dofs
 end module hb_element_reader

@@ -89,7 +89,7 @@ contains
       if (group%has_key("dof")) then
          call read_position(structure, group, dofs, weights)
       else if (group%has_key("dofs")) then
-         call find_dofs(group, structure, load%n_dofs(), dofs)
+         call find_dofs(group, "dofs", structure, load%n_dofs(), dofs)
          if (allocated(dofs)) weights = spread(1.0_wp, 1, size(dofs))
       else
          allocate (dofs(0), weights(0))

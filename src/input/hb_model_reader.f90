@@ -6,7 +6,7 @@ module hb_model_reader
    use hb_element_reader, only: read_elements
    use hb_error, only: annotate, error_t
    use hb_floquet, only: floquet_t
-   use hb_frequency_part, only: frequency_part_t, kind_of_part
+   use hb_frequency_part, only: frequency_part_t
    use hb_frequency_part_input, only: read_frequency_part
    use hb_harmonics, only: new_harmonics
    use hb_kinds, only: wp
@@ -213,6 +213,7 @@ contains
       call read_whole_structure(self, document, error)
       if (.not. allocated(error)) call read_tones_and_set(self, document, error)
       if (.not. allocated(error)) call read_laws(self, document, error)
+      if (.not. allocated(error)) call check_rigid_laws(self%system, document)
       if (.not. allocated(error)) call read_settings(self, document)
       if (.not. allocated(error)) call read_grid_and_loads(self, document, error)
       if (allocated(error)) return
@@ -233,19 +234,68 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
 
-      self%options%may_integrate = document%count("dynamic_stiffness") == 0
+      self%options%may_integrate = document%count("dynamic_stiffness") == 0 .and. .not. self%system%structure%depends_on_tuple()
       call read_tones(self%system%tones, document, error, may_be_absent=self%options%purpose%may_only_integrate)
       if (allocated(error)) return
-      if (.not. self%options%may_integrate .and. document%count("normal_mode") > 0) then
+      if (document%count("normal_mode") > 0 .and. self%system%structure%depends_on_tuple()) then
+         group => document%group("normal_mode", 1)
+         call group%problem_as_is(group%location()//": a sector has forced motions alone; leave out &normal_mode, or solve the "// &
+                                  "whole wheel")
+      else if (document%count("normal_mode") > 0 .and. .not. self%options%may_integrate) then
          group => document%group("dynamic_stiffness", 1)
          call group%problem("type", "a normal mode has no stiffness that depends on the frequency; leave out &normal_mode")
       end if
+      call check_sectors(self%system, document)
       call reject_unknown_tones(document, self%system%tones)
       if (self%system%tones%n_tones > 0) &
          call read_accuracy(self%options%accuracy, document, self%system%structure, self%system%tones%n_tones, &
                             self%options%purpose%is_followed)
       call read_set(self, document, error)
    end subroutine read_tones_and_set
+
+   !> Reports elements that are for another number of tones, and more than one sector.
+   subroutine check_sectors(system, document)
+      type(system_t), intent(in) :: system
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      integer :: i
+
+      if (.not. system%structure%depends_on_tuple()) return
+      do i = 1, size(system%elements)
+         associate (n => system%elements(i)%element%n_tones())
+            if (n < 0) cycle
+            group => document%group("sector", system%elements(i)%i)
+            if (n /= system%tones%n_tones) &
+               call group%problem("engine_orders", "one for each of the "//to_text(system%tones%n_tones)//" tones is needed")
+            if (any(system%tones%is_unknown)) &
+               call group%problem("engine_orders", "a sector needs given frequencies; solve the whole wheel for unknown ones")
+            if (system%elements(i)%i > 1) call group%problem("low", "only one group &sector is possible; name all pairs in it")
+         end associate
+      end do
+   end subroutine check_sectors
+
+   !> Reports rigid laws that act on a degree of freedom and its copy in the next sector: in some harmonics both move together, so
+   !> that no force changes their distance.
+   subroutine check_rigid_laws(system, document)
+      type(system_t), intent(in) :: system
+      type(document_t), intent(inout), target :: document
+      type(properties_t), pointer :: group
+      logical :: is_used(system%structure%n_dofs)
+      integer :: i, k
+
+      if (.not. system%structure%depends_on_tuple()) return
+      do i = 1, size(system%laws)
+         if (.not. system%laws(i)%law%is_multiplier) cycle
+         is_used = .false.
+         is_used(system%laws(i)%law%dofs) = .true.
+         do k = 1, size(system%elements)
+            if (size(system%elements(k)%element%wanted_dofs(system%structure, is_used)) == 0) cycle
+            group => document%group("law", system%law_groups(i))
+            call group%problem("type", "a rigid law between a degree of freedom of 'low' and its copy in 'high' is not "// &
+                               "possible; use an elastic one")
+         end do
+      end do
+   end subroutine check_rigid_laws
 
    !> Reads settings that belong to no other part.
    subroutine read_settings(self, document)
@@ -309,7 +359,7 @@ contains
       type(model_t), intent(in) :: self
       type(document_t), intent(inout), target :: document
       character(*), parameter :: reason = &
-         "'integration' is not available with &dynamic_stiffness, which is defined in the frequency domain only"
+         "'integration' is not available with &dynamic_stiffness or &sector, which are defined in the frequency domain only"
       type(properties_t), pointer :: group
 
       group => document%optional_group("solver")
@@ -323,13 +373,10 @@ contains
    !> Whether the stability of a motion can be found without equations in time (hb_hill), for all parts that depend on frequency.
    pure logical function has_determinants(system) result(has)
       type(system_t), intent(in) :: system
-      integer :: i
 
       has = system%tones%n_tones == 1
       if (.not. allocated(system%structure%parts)) return
-      do i = 1, size(system%structure%parts)
-         has = has .and. any(system%structure%parts(i)%kind == [kind_of_part%delay, kind_of_part%maxwell])
-      end do
+      has = has .and. all(system%structure%parts%is_known_growing())
    end function has_determinants
 
    !> Reads the set of harmonics: that of the input, or the first one of those that are chosen for a tolerance; none without tones.
@@ -399,6 +446,7 @@ contains
          if (allocated(error)) return
          if (allocated(part%acts)) parts = [parts, part]
       end do
+      if (allocated(self%system%structure%parts)) parts = [parts, self%system%structure%parts]   ! those of elements are last
       call move_alloc(parts, self%system%structure%parts)
    end subroutine read_added_structure
 

@@ -37,8 +37,9 @@ contains
          else if (all(abs(mass) <= 0.0_wp)) then
             call list%add(advice%no_mass)
          end if
-         if (.not. is_gyroscopic(structure)) call advise_on_matrix(structure, "stiffness", stiffness, structure%stiffness, &
-                                                                   [advice%negative_stiffness, advice%indefinite_stiffness], list)
+         if (.not. (is_gyroscopic(structure) .or. structure%depends_on_tuple())) &        ! links of sectors have no sign
+            call advise_on_matrix(structure, "stiffness", stiffness, structure%stiffness, &
+                                  [advice%negative_stiffness, advice%indefinite_stiffness], list)
          if (any(system%tones%is_unknown)) return
          call find_dissipative_part(system, dissipative)
          call advise_on_matrix(structure, "damping", damping, dissipative, &

@@ -300,7 +300,7 @@ contains
       call new_variation(variation, bare, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       if (variation%n_states > 0) return
-      self%is_too_costly = work_of_hill(variation) > max_work
+      self%is_too_costly = work_of_hill(variation, structure) > max_work
       if (.not. self%is_too_costly) call assess_by_hill(self, variation, structure, motion%tones%is_unknown(1))
    end subroutine assess_with_parts
 

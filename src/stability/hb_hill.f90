@@ -4,12 +4,15 @@
 !> the laws along the motion. Hill's determinant f of their equations, divided by a power of s_k + a for each row, has the
 !> period i omega in lambda, no poles where Re(lambda) > -a, and is constant for large Re(lambda). By the principle of the argument
 !> its zeros with Re(lambda) > sigma, one for each such disturbance, are the turns of f along one period of the line at sigma.
+!>
+!> Of a sector, disturbances have any nodal diameter p beside that of their harmonic: each p has a determinant f_p. A shift by
+!> i omega turns f_p into that of another diameter, so that the turns of all together are whole.
 !> Source: G. W. Hill, Acta Mathematica 8 (1886) 1-36; H. Nyquist, Bell System Technical Journal 11 (1932) 126-147.
 module hb_hill
    use hb_cancellation, only: work_is_over
    use hb_frequency_part, only: frequency_part_t, kind_of_part
    use hb_kinds, only: two_pi, wp
-   use hb_lapack, only: zgetrf
+   use hb_lapack, only: zgetrf, zgetrs
    use hb_stability, only: stability_method, stability_t, verdict
    use hb_structure, only: structure_t
    use hb_variation, only: piece_t, variation_t
@@ -30,9 +33,12 @@ module hb_hill
       integer :: n_dofs = 0, order = 0
       real(wp) :: omega = 0.0_wp                                      !! [rad/s]
       real(wp) :: offset = 0.0_wp                                     !! a [1/s]
+      integer :: n_diameters = 1                                      !! of disturbances: the number of sectors
       integer :: degree = 0                                           !! of the determinant of a harmonic in s_k
       type(structure_t) :: structure
-      complex(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :)   !! (n_dofs, n_dofs, -2 order:2 order), harmonics
+      integer, allocatable :: at_laws(:), inner(:)                    !! degrees of freedom on which laws act, and the others, which
+                                                                      !! are eliminated from each harmonic
+      complex(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :)   !! (at_laws, at_laws, -2 order:2 order), harmonics
    end type hill_t
 
 contains
@@ -59,6 +65,9 @@ contains
          if (right > 0) then
             self%n_unstable = right
             self%verdict = verdict%unstable
+            if (i == size(margin)) return
+            call count_growing(hill, margin(size(margin))*hill%omega, right, is_whole)   ! those that grow slowly, too
+            if (is_whole) self%n_unstable = max(self%n_unstable, right)
             return
          end if
          call count_growing(hill, -margin(i)*hill%omega, above, is_whole)
@@ -77,24 +86,47 @@ contains
 
       has = .true.
       do i = 1, size(parts)
-         select case (parts(i)%kind)
-         case (kind_of_part%delay)
-         case (kind_of_part%maxwell)
+         has = has .and. parts(i)%is_known_growing()
+         if (parts(i)%kind == kind_of_part%maxwell) &
             has = has .and. all(2.0_wp*maxval(growth_margins)*omega*parts(i)%times < 1.0_wp)
-         case default
-            has = .false.
-         end select
       end do
    end function has_determinant
 
    !> Approximate work in nanoseconds.
-   pure real(wp) function work_of_hill(variation) result(work)
+   pure real(wp) function work_of_hill(variation, structure) result(work)
       type(variation_t), intent(in) :: variation
-      real(wp) :: n
+      type(structure_t), intent(in) :: structure
+      real(wp) :: m, n, n_blocks
 
-      n = real(variation%n_dofs, wp)*(2*order_of(variation) + 1)
-      work = 4.0_wp*usual_points*n**2*(n/3.0_wp + 20.0_wp)
+      n = real(variation%n_dofs, wp)
+      n_blocks = real(2*order_of(variation) + 1, wp)
+      m = n_blocks*count(is_at_laws(variation, structure))
+      work = 4.0_wp*usual_points*n_diameters_of(structure%parts)*(m**2*(m/3.0_wp + 20.0_wp) + n_blocks*n**2*(n/3.0_wp + 20.0_wp))
    end function work_of_hill
+
+   !> Nodal diameters of disturbances: one without sectors.
+   pure integer function n_diameters_of(parts) result(n)
+      type(frequency_part_t), intent(in) :: parts(:)
+
+      n = max(1, maxval(parts%n_sectors))
+   end function n_diameters_of
+
+   !> Degrees of freedom that are not eliminated: those of laws, and multipliers between two of these.
+   pure function is_at_laws(variation, structure)
+      type(variation_t), intent(in) :: variation
+      type(structure_t), intent(in) :: structure
+      logical :: is_at_laws(variation%n_dofs)
+      integer :: i
+
+      is_at_laws = any(abs(variation%shape) > 0.0_wp, dim=2)
+      do i = 1, size(structure%parts)
+         associate (part => structure%parts(i))
+            if (part%kind /= kind_of_part%neighbour .or. part%is_of_previous) cycle
+            if (is_at_laws(part%copy) .and. any(is_at_laws .and. part%feels > 0.0_wp)) &
+               is_at_laws = is_at_laws .or. part%acts > 0.0_wp
+         end associate
+      end do
+   end function is_at_laws
 
    pure integer function order_of(variation)
       type(variation_t), intent(in) :: variation
@@ -111,8 +143,9 @@ contains
       type(structure_t), intent(in) :: structure
       type(piece_t) :: piece
       complex(wp) :: factor
-      real(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :), by_state(:, :, :), phases(:)
-      integer :: i, k, n, n_samples
+      real(wp), allocatable :: by_displacement(:, :, :), by_rate(:, :, :), by_state(:, :, :), phases(:), shapes(:, :)
+      integer :: degrees(variation%n_dofs), i, k, n, n_samples
+      logical :: is_retained(variation%n_dofs)
 
       n = variation%n_dofs
       self%n_dofs = n
@@ -120,21 +153,40 @@ contains
       self%omega = variation%motion%omega(1)
       self%structure = structure
       self%offset = self%omega
+      self%n_diameters = n_diameters_of(structure%parts)
+      degrees = 0
       do i = 1, n
          if (any(abs(structure%mass(i, :)) > 0.0_wp)) then
-            self%degree = self%degree + 2
+            degrees(i) = 2
          else if (any(abs(structure%damping(i, :)) > 0.0_wp)) then
-            self%degree = self%degree + 1
+            degrees(i) = 1
          end if
       end do
+      do i = 1, size(structure%parts)                                 ! a copy and its original are one degree of freedom
+         associate (part => structure%parts(i))
+            if (part%kind /= kind_of_part%neighbour .or. part%is_of_previous) cycle
+            k = findloc(part%feels > 0.0_wp, .true., dim=1)
+            associate (both => degrees([k, part%copy]))
+               degrees(k) = maxval(both)
+            end associate
+            degrees(part%copy) = 0
+         end associate
+      end do
+      self%degree = sum(degrees)
+      is_retained = is_at_laws(variation, structure)
+      self%at_laws = pack([(i, i=1, n)], is_retained)
+      self%inner = pack([(i, i=1, n)], .not. is_retained)
       n_samples = samples_of_harmonic*2*self%order
       allocate (by_displacement(variation%n_coordinates, variation%n_coordinates, n_samples))
       allocate (by_rate, mold=by_displacement)
       allocate (by_state(variation%n_coordinates, variation%n_states, n_samples))
       phases = [(two_pi*i/n_samples, i=0, n_samples - 1)]
       call variation%find_slopes(piece, phases/self%omega, by_displacement, by_rate, by_state)
-      allocate (self%by_displacement(n, n, -2*self%order:2*self%order), self%by_rate(n, n, -2*self%order:2*self%order), &
-                source=(0.0_wp, 0.0_wp))
+      allocate (shapes, source=variation%shape(self%at_laws, :))
+      associate (m => size(self%at_laws))
+         allocate (self%by_displacement(m, m, -2*self%order:2*self%order), self%by_rate(m, m, -2*self%order:2*self%order), &
+                   source=(0.0_wp, 0.0_wp))
+      end associate
       do k = -2*self%order, 2*self%order
          do i = 1, n_samples
             factor = exp(cmplx(0.0_wp, -k*phases(i), wp))/n_samples
@@ -147,9 +199,9 @@ contains
 
       pure function at_dofs(slopes)
          real(wp), intent(in) :: slopes(:, :)
-         real(wp) :: at_dofs(n, n)
+         real(wp) :: at_dofs(size(self%at_laws), size(self%at_laws))
 
-         at_dofs = matmul(variation%shape, matmul(slopes, transpose(variation%shape)))
+         at_dofs = matmul(shapes, matmul(slopes, transpose(shapes)))
       end function at_dofs
    end subroutine new_hill
 
@@ -159,19 +211,41 @@ contains
       real(wp), intent(in) :: sigma                                   !! [1/s]
       integer, intent(out) :: n_growing
       logical, intent(out) :: is_whole                                !! otherwise the set is too small, or the line too rough
-      real(wp) :: angle, at, before, next, step, turn
-      integer :: i
+      integer :: diameter
+      logical :: is_complete
+      real(wp) :: sum_of_turns, turn
 
       n_growing = 0
       is_whole = .false.
+      sum_of_turns = 0.0_wp
+      do diameter = 0, self%n_diameters - 1
+         call count_turns(self, sigma, diameter, turn, is_complete)
+         if (.not. is_complete) return
+         sum_of_turns = sum_of_turns + turn
+      end do
+      n_growing = nint(sum_of_turns)
+      is_whole = abs(sum_of_turns - n_growing) < max_turn_defect .and. n_growing >= 0
+   end subroutine count_growing
+
+   !> Turns of the determinant of disturbances of a nodal diameter along a period of the line.
+   subroutine count_turns(self, sigma, diameter, turn, is_complete)
+      type(hill_t), intent(in) :: self
+      real(wp), intent(in) :: sigma                                   !! [1/s]
+      integer, intent(in) :: diameter
+      real(wp), intent(out) :: turn
+      logical, intent(out) :: is_complete
+      real(wp) :: angle, at, before, next, step
+      integer :: i
+
+      is_complete = .false.
       step = self%omega/first_points
       at = 0.0_wp
       turn = 0.0_wp
-      before = angle_at(self, cmplx(sigma, at, wp))
+      before = angle_at(self, cmplx(sigma, at, wp), diameter)
       do i = 1, max_points
          if (work_is_over()) return
          next = min(at + step, self%omega)
-         angle = angle_at(self, cmplx(sigma, next, wp))
+         angle = angle_at(self, cmplx(sigma, next, wp), diameter)
          if (abs(remainder(angle - before)) > longest_turn .and. step > 1.0e-7_wp*self%omega) then
             step = 0.5_wp*step
             cycle
@@ -182,11 +256,9 @@ contains
          if (at >= self%omega) exit
          if (step < self%omega/first_points) step = 1.5_wp*step
       end do
-      if (at < self%omega) return
-      turn = -turn/two_pi
-      n_growing = nint(turn)
-      is_whole = abs(turn - n_growing) < max_turn_defect .and. n_growing >= 0
-   end subroutine count_growing
+      is_complete = at >= self%omega
+      turn = -(turn - angle_at_ends(self, cmplx(sigma, 0.0_wp, wp), diameter))/two_pi
+   end subroutine count_turns
 
    !> An angle between minus and plus half a turn.
    elemental real(wp) function remainder(angle)
@@ -195,39 +267,102 @@ contains
       remainder = angle - two_pi*anint(angle/two_pi)
    end function remainder
 
-   !> Angle of f.
-   real(wp) function angle_at(self, lambda) result(angle)
+   !> Angle of f of disturbances of a nodal diameter.
+   real(wp) function angle_at(self, lambda, diameter) result(angle)
       type(hill_t), intent(in) :: self
       complex(wp), intent(in) :: lambda
+      integer, intent(in) :: diameter
       complex(wp), allocatable :: a(:, :)
-      complex(wp) :: dz, s(-self%order:self%order), z
-      integer, allocatable :: pivots(:)
-      integer :: column, i, info, k, l, n, p, row
+      complex(wp) :: s(-self%order:self%order)
+      integer :: column, k, l, n, row
 
-      n = self%n_dofs
+      n = size(self%at_laws)
       s = [(lambda + cmplx(0.0_wp, k*self%omega, wp), k=-self%order, self%order)]
-      allocate (a(n*size(s), n*size(s)), pivots(n*size(s)))
+      angle = -self%degree*sum(atan2(aimag(s), real(s) + self%offset))
+      allocate (a(n*size(s), n*size(s)))
       do l = -self%order, self%order
          column = n*(l + self%order)
          do k = -self%order, self%order
             row = n*(k + self%order)
             a(row + 1:row + n, column + 1:column + n) = self%by_displacement(:, :, k - l) + s(l)*self%by_rate(:, :, k - l)
          end do
-         associate (block => a(column + 1:column + n, column + 1:column + n))
-            block = block + s(l)**2*self%structure%mass + s(l)*self%structure%damping + self%structure%stiffness
-            do p = 1, size(self%structure%parts)
-               call self%structure%parts(p)%evaluate_growing(s(l), z, dz)
-               do i = 1, n
-                  block(:, i) = block(:, i) + z*self%structure%parts(p)%acts*self%structure%parts(p)%feels(i)
-               end do
-            end do
-         end associate
+         call add_structure(self, s(l), l, diameter, a(column + 1:column + n, column + 1:column + n), angle)
       end do
-      angle = -self%degree*sum(atan2(aimag(s), real(s) + self%offset))
+      call add_angle(a, angle)
+   end function angle_at
+
+   !> What the harmonics at the ends of the finite set add to the turns along a period: the first one beyond it comes in, the last
+   !> one at the other end goes out, both nearly uncoupled.
+   real(wp) function angle_at_ends(self, lambda, diameter) result(angle)
+      type(hill_t), intent(in) :: self
+      complex(wp), intent(in) :: lambda
+      integer, intent(in) :: diameter
+      real(wp) :: of_end(2)
+      complex(wp) :: a(size(self%at_laws), size(self%at_laws)), s
+      integer :: i, l
+
+      do i = 1, 2
+         l = merge(self%order + 1, -self%order, i == 1)
+         s = lambda + cmplx(0.0_wp, l*self%omega, wp)
+         a = self%by_displacement(:, :, 0) + s*self%by_rate(:, :, 0)
+         of_end(i) = -self%degree*atan2(aimag(s), real(s) + self%offset)
+         call add_structure(self, s, l, diameter, a, of_end(i))
+         call add_angle(a, of_end(i))
+      end do
+      angle = remainder(of_end(1) - of_end(2))
+   end function angle_at_ends
+
+   !> Adds the structure at s, without its inner degrees of freedom, to the block of harmonic l, and the angle of their determinant.
+   subroutine add_structure(self, s, l, diameter, block, angle)
+      type(hill_t), intent(in) :: self
+      complex(wp), intent(in) :: s
+      integer, intent(in) :: l, diameter
+      complex(wp), intent(inout) :: block(:, :)                       !! (at_laws, at_laws)
+      real(wp), intent(inout) :: angle
+      type(frequency_part_t) :: part
+      complex(wp), allocatable :: inner(:, :), transfer(:, :), whole(:, :)     ! may be large: not on the stack
+      complex(wp) :: dz, z
+      integer :: i, info, p, pivots(size(self%inner))
+
+      allocate (whole, source=s**2*self%structure%mass + s*self%structure%damping + self%structure%stiffness)
+      do p = 1, size(self%structure%parts)
+         part = self%structure%parts(p)
+         call part%set_tuple([l], further=diameter)
+         call part%evaluate_growing(s, z, dz)
+         do i = 1, self%n_dofs
+            if (abs(part%feels(i)) > 0.0_wp) whole(:, i) = whole(:, i) + z*part%acts*part%feels(i)
+         end do
+      end do
+      block = block + whole(self%at_laws, self%at_laws)
+      if (size(self%inner) == 0) return
+      allocate (inner, source=whole(self%inner, self%inner))
+      allocate (transfer, source=whole(self%inner, self%at_laws))
+      call factorise(inner, pivots, angle)
+      call zgetrs("N", size(inner, 1), size(transfer, 2), inner, size(inner, 1), pivots, transfer, size(inner, 1), info)
+      block = block - matmul(whole(self%at_laws, self%inner), transfer)
+   end subroutine add_structure
+
+   !> Adds the angle of the determinant of a matrix, which is overwritten.
+   subroutine add_angle(a, angle)
+      complex(wp), intent(inout), contiguous :: a(:, :)
+      real(wp), intent(inout) :: angle
+      integer :: pivots(size(a, 1))
+
+      call factorise(a, pivots, angle)
+   end subroutine add_angle
+
+   !> Factorises a matrix, and adds the angle of its determinant.
+   subroutine factorise(a, pivots, angle)
+      complex(wp), intent(inout), contiguous :: a(:, :)
+      integer, intent(out) :: pivots(:)
+      real(wp), intent(inout) :: angle
+      integer :: i, info
+
+      if (size(a) == 0) return
       call zgetrf(size(a, 1), size(a, 1), a, size(a, 1), pivots, info)
       do i = 1, size(a, 1)
          angle = angle + atan2(aimag(a(i, i)), real(a(i, i)))
          if (pivots(i) /= i) angle = angle + 0.5_wp*two_pi
       end do
-   end function angle_at
+   end subroutine factorise
 end module hb_hill

@@ -66,6 +66,7 @@ module hb_block_solver
       procedure :: hold_free => block_solver_hold_free
       procedure :: learn => block_solver_learn
       procedure :: prefers_space => block_solver_prefers_space
+      procedure :: set_tuple => block_solver_set_tuple
       procedure :: solve => block_solver_solve
       procedure :: solve_again => block_solver_solve_again
       procedure, private :: assemble => block_solver_assemble
@@ -243,6 +244,14 @@ contains
       self%is_analysed = .false.
       call self%space%end()
    end subroutine block_solver_end
+
+   !> Sets the tuple of the harmonic that is solved next.
+   pure subroutine block_solver_set_tuple(self, tuple)
+      class(block_solver_t), intent(inout) :: self
+      integer, intent(in) :: tuple(:)                        !! (n_tones)
+
+      call self%entries%set_tuple(tuple)
+   end subroutine block_solver_set_tuple
 
    !> Solves S(frequency, drive) X = rhs(:, 1:n_rhs) in place, and returns a measure of the distance of S from a
    !> singular matrix.

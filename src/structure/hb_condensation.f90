@@ -41,6 +41,7 @@ module hb_condensation
       real(wp), allocatable :: rates(:)                      !! derivatives of the frequencies with respect to that value; not
                                                              !! allocated: 1, slopes are with respect to the frequency
       real(wp), allocatable :: drive_rates(:)                !! likewise of the drives; not allocated: 0
+      integer, allocatable :: tuples(:, :)                   !! (n_tones, n_harmonics), where the structure depends on them
       type(block_solver_t) :: solver                         !! of rr
       complex(wp), allocatable :: held_motion(:)             !! y of the last harmonic
       complex(wp), allocatable :: transfer(:, :)             !! T of the last harmonic
@@ -161,6 +162,7 @@ contains
 
       n_law = size(self%positions)
       self%drive = drive
+      if (allocated(self%tuples)) call set_tuple(self, self%tuples(:, h))
       k = findloc(self%loads%harmonics, h, dim=1)
       associate (ll => self%ll, lr => self%lr, rl => self%rl, solver => self%solver)
          call rl%evaluate(frequency, drive, self%s_rl)
@@ -178,6 +180,22 @@ contains
          end do
       end associate
    end subroutine condensation_eliminate
+
+   !> Sets the tuple of a harmonic in all blocks.
+   pure subroutine set_tuple(self, tuple)
+      class(condensation_t), intent(inout) :: self
+      integer, intent(in) :: tuple(:)
+
+      call self%ll%set_tuple(tuple)
+      call self%lr%set_tuple(tuple)
+      call self%rl%set_tuple(tuple)
+      call self%solver%set_tuple(tuple)
+      if (.not. allocated(self%change)) return
+      call self%change%ll%set_tuple(tuple)
+      call self%change%lr%set_tuple(tuple)
+      call self%change%rl%set_tuple(tuple)
+      call self%change%rr%set_tuple(tuple)
+   end subroutine set_tuple
 
    !> S_c of the harmonic whose interior was eliminated last.
    subroutine condensation_get_block(self, frequency, condensed)

@@ -62,6 +62,7 @@ module hb_dynamic_stiffness
       complex(wp), allocatable :: load_slope(:, :)           !! dP_c/dw [N s], as `load`, or not allocated
       complex(wp), allocatable :: condensed_drive_slope(:, :, :) !! dS_c/ddrive [kg], or not allocated
       complex(wp), allocatable :: load_drive_slope(:, :)     !! dP_c/ddrive [N s**2], or not allocated
+      integer, allocatable :: tuples(:, :)                   !! (n_tones, n_harmonics), where S depends on them
       integer, allocatable, private :: interior(:)           ! degrees of freedom that the coordinates do not replace
       complex(wp), allocatable, private :: transfer(:, :, :) ! T, (n_interior, n_law, n_harmonics), or not allocated
       type(amplitudes_t), private :: held_motion             ! y, motion of the interior with the coordinates held fixed
@@ -92,7 +93,7 @@ module hb_dynamic_stiffness
 contains
 
    !> Condenses to degrees of freedom (any order, none for a linear problem); arguments as below.
-   subroutine condensed_to_dofs(self, structure, law_dofs, frequencies, loads, error, slopes)
+   subroutine condensed_to_dofs(self, structure, law_dofs, frequencies, loads, error, slopes, tuples)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: law_dofs(:)                              !! (n_law)
@@ -100,9 +101,10 @@ contains
       complex(wp), intent(in) :: loads(:, :)
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
+      integer, intent(in), optional :: tuples(:, :)
 
       call condensed_to_coordinates(self, structure, dofs_as_coordinates(law_dofs), frequencies, as_amplitudes(loads), error, &
-                                    slopes)
+                                    slopes, tuples)
    end subroutine condensed_to_dofs
 
    !> Condenses `structure` to coordinates at each frequency.
@@ -110,7 +112,7 @@ contains
    !> Fails for degrees of freedom that do not exist or occur twice, for inconsistent sizes, and if the interior is
    !> singular to working precision: at an undamped resonance that the coordinates do not restrain, or at w = 0 under a load
    !> that nothing supports. Otherwise the mean value of a motion that nothing restrains is zero at `free_dofs`.
-   subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, slopes)
+   subroutine condensed_to_coordinates(self, structure, coordinates, frequencies, loads, error, slopes, tuples)
       type(dynamic_stiffness_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
       type(coordinates_t), intent(in) :: coordinates
@@ -118,11 +120,14 @@ contains
       type(amplitudes_t), intent(in) :: loads                         !! [N]
       type(error_t), allocatable, intent(out) :: error
       type(wanted_slopes_t), intent(in), optional :: slopes
+      integer, intent(in), optional :: tuples(:, :)                   !! (n_tones, n_harmonics), where the structure depends on them
       type(wanted_slopes_t) :: wanted
       class(condensation_t), allocatable :: retained
       type(condensation_t) :: once                                    ! not `allocatable`: several kB, for each point
 
       call check_input(structure, coordinates%dofs, frequencies, loads, error)
+      if (.not. (allocated(error) .or. present(tuples)) .and. structure%depends_on_tuple()) &
+         call fail(error, "dynamic stiffness: that of a sector needs the tuples of the harmonics")
       if (allocated(error)) return
       if (present(slopes)) wanted = slopes
       if (.not. allocated(wanted%drives)) wanted%drives = 0.0_wp*frequencies
@@ -149,6 +154,10 @@ contains
          call new_condensation(condensation, structure, coordinates, loads, maxval([0.0_wp, abs(frequencies)]), wanted%loads, &
                                wanted%change)
          if (allocated(wanted%rates)) condensation%rates = wanted%rates
+         if (structure%depends_on_tuple()) then
+            self%tuples = tuples
+            condensation%tuples = tuples
+         end if
          self%interior = condensation%interior
          self%pattern = condensation%pattern
          allocate (self%load(n_law, self%n_harmonics), self%magnitude(n_law, self%n_harmonics))
@@ -322,6 +331,7 @@ contains
       call move_alloc(self%load_slope, to%load_slope)
       call move_alloc(self%condensed_drive_slope, to%condensed_drive_slope)
       call move_alloc(self%load_drive_slope, to%load_drive_slope)
+      call move_alloc(self%tuples, to%tuples)
       call move_alloc(self%interior, to%interior)
       call move_alloc(self%transfer, to%transfer)
       to%held_motion = self%held_motion
@@ -357,6 +367,7 @@ contains
       if (allocated(self%contacts)) allocate (part%contacts, source=self%contacts%restricted_to(retained))
       part%load = self%load(:, retained)
       part%magnitude = self%magnitude(:, retained)
+      if (allocated(self%tuples)) part%tuples = self%tuples(:, retained)
    end function dynamic_stiffness_restricted_to
 
    !> Condenses each harmonic, with slopes if there is memory for them.

@@ -1,11 +1,12 @@
-!> A part of a structure whose stiffness depends on the frequency: viscoelastic mounts, seals, controllers, delays.
+!> A part of a structure whose stiffness depends on the frequency: viscoelastic mounts, seals, controllers, delays; or on the
+!> tuple of the harmonic: the coupling of a sector to its neighbour in a travelling wave (hb_sector).
 !>
 !> In a motion Re(c exp(i w t)) it responds to z = b.c with the force Z(w) z along a, so that it adds Z(w) a b^T to
 !> the dynamic stiffness of hb_dynamic_stiffness. Motions are real: Z(-w) = conj(Z(w)). Kinds: below and
 !> docs/why/theory.md, section 4.
 module hb_frequency_part
    use hb_interpolation, only: is_ascending, monotone_cubic_t, new_monotone_cubic
-   use hb_kinds, only: wp
+   use hb_kinds, only: two_pi, wp
    use hb_numbers, only: numbered_t, numbers_t
    implicit none
    private
@@ -17,6 +18,7 @@ module hb_frequency_part
       integer :: loss_factor = 3                                      !! k (1 + i eta sign(w))
       integer :: maxwell = 4                                          !! sum of k_j i w t_j/(1 + i w t_j)
       integer :: table = 5                                            !! storage + i loss, monotone cubics of |w|
+      integer :: neighbour = 6                                        !! k exp(-i angle), the angle from sector to sector
    end type kind_of_part_t
    type(kind_of_part_t), parameter :: kind_of_part = kind_of_part_t()
 
@@ -35,12 +37,19 @@ module hb_frequency_part
       real(wp), allocatable :: frequencies(:)                         !! [rad/s] of a table, with the values there [N/m]:
       real(wp), allocatable :: storage_values(:), loss_values(:)
       type(monotone_cubic_t) :: storage, loss                         !! [N/m] over |w| [rad/s]
+      integer :: n_sectors = 0                                        !! of a neighbour
+      integer, allocatable :: engine_orders(:)                        !! nodal diameter of each tone
+      integer :: diameter = 0                                         !! of the present harmonic, see `set_tuple`
+      integer :: copy = 0                                             !! degree of freedom that is one of the next sector
+      logical :: is_of_previous = .false.                             !! the angle is that to the previous sector
    contains
       procedure :: declare_numbers => frequency_part_declare_numbers
       procedure :: derive => frequency_part_derive
       procedure :: has_valid_numbers => frequency_part_has_valid_numbers
       procedure :: evaluate => frequency_part_evaluate
       procedure :: evaluate_growing => frequency_part_evaluate_growing
+      procedure :: is_known_growing => frequency_part_is_known_growing
+      procedure :: set_tuple => frequency_part_set_tuple
       procedure :: equals => frequency_part_equals
    end type frequency_part_t
 
@@ -155,6 +164,10 @@ contains
          call self%loss%at(w, value(2), by_w(2))
          z = cmplx(value(1), value(2), wp)
          dz_dw = cmplx(by_w(1), by_w(2), wp)
+      case (kind_of_part%neighbour)
+         w = merge(two_pi, -two_pi, self%is_of_previous)*self%diameter/self%n_sectors
+         z = self%factor*self%stiffness*cmplx(cos(w), sin(w), wp)
+         return                                                       ! the tuple has the sign, whatever that of the frequency
       end select
       z = self%factor*z
       dz_dw = self%factor*dz_dw
@@ -199,16 +212,41 @@ contains
       dz_ds = self%factor*dz_ds
    end subroutine frequency_part_evaluate_growing
 
+   !> Whether Z is known for growing motions, as `evaluate_growing` needs it.
+   elemental logical function frequency_part_is_known_growing(self) result(is_known)
+      class(frequency_part_t), intent(in) :: self
+
+      is_known = any(self%kind == [kind_of_part%delay, kind_of_part%maxwell, kind_of_part%neighbour])
+   end function frequency_part_is_known_growing
+
+   !> Sets the nodal diameter of a harmonic, sum of j_m times the engine order of tone m, from 0 to n_sectors - 1: the amplitude of
+   !> the next sector is exp(-2 pi i diameter/n_sectors) times that of this one.
+   pure subroutine frequency_part_set_tuple(self, tuple, further)
+      class(frequency_part_t), intent(inout) :: self
+      integer, intent(in) :: tuple(:)                                 !! j, (n_tones); without entries the mean value
+      integer, intent(in), optional :: further                        !! added to the diameter, of disturbances
+
+      if (self%kind /= kind_of_part%neighbour) return
+      self%diameter = 0
+      if (size(tuple) > 0) self%diameter = dot_product(self%engine_orders, tuple)
+      if (present(further)) self%diameter = self%diameter + further
+      self%diameter = modulo(self%diameter, self%n_sectors)
+   end subroutine frequency_part_set_tuple
+
    !> Whether two parts are equal, number by number.
    pure logical function frequency_part_equals(self, other) result(is_same)
       class(frequency_part_t), intent(in) :: self, other
 
-      is_same = self%kind == other%kind .and. all(self%acts == other%acts) .and. all(self%feels == other%feels) .and. &
+      is_same = self%kind == other%kind
+      if (is_same) is_same = all(self%acts == other%acts) .and. all(self%feels == other%feels) .and. &
                 all([self%factor, self%stiffness, self%damping, self%delay, self%coefficient, self%exponent, self%loss_factor] == &
                     [other%factor, other%stiffness, other%damping, other%delay, other%coefficient, other%exponent, &
                      other%loss_factor])
       if (.not. is_same) return
       select case (self%kind)
+      case (kind_of_part%neighbour)
+         is_same = self%n_sectors == other%n_sectors .and. (self%is_of_previous .eqv. other%is_of_previous) .and. &
+                   all(self%engine_orders == other%engine_orders)
       case (kind_of_part%maxwell)
          is_same = size(self%moduli) == size(other%moduli)
          if (is_same) is_same = all(self%moduli == other%moduli) .and. all(self%times == other%times)

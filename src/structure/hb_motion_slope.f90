@@ -20,6 +20,7 @@ module hb_motion_slope
    type :: moving_parameters_t
       real(wp), allocatable :: frequencies(:)                !! [rad/s], (n_harmonics)
       real(wp), allocatable :: drives(:)                     !! [rad**2/s**2], (n_harmonics)
+      integer, allocatable :: tuples(:, :)                   !! (n_tones, n_harmonics)
       type(amplitudes_t) :: loads                            !! [N]
       real(wp), allocatable :: frequency_slopes(:)           !! as the frequencies
       real(wp), allocatable :: drive_slopes(:)               !! as the drives
@@ -49,6 +50,7 @@ contains
                             moving%load_slopes, moving%structure_slope)
       condensation%rates = moving%frequency_slopes
       condensation%drive_rates = moving%drive_slopes
+      if (structure%depends_on_tuple()) condensation%tuples = moving%tuples
       n = coordinates%n
       allocate (condensed(condensation%pattern%n_rows, n))
       is_singular = .false.

@@ -4,7 +4,7 @@
 !> to the matrices there may be parts with frequency-dependent stiffness, which have no equations in time.
 module hb_structure
    use hb_error, only: error_t, fail
-   use hb_frequency_part, only: frequency_part_t
+   use hb_frequency_part, only: frequency_part_t, kind_of_part
    use hb_kinds, only: gib, wp
    use hb_lapack, only: dpotrf
    use hb_node_sets, only: named_vectors_t, node_sets_t
@@ -41,10 +41,12 @@ module hb_structure
       character(:), allocatable :: origin !! the model from which it was read and its fingerprint; otherwise not allocated
    contains
       procedure :: change_from => structure_change_from
+      procedure :: set_tuple => structure_set_tuple
       procedure :: transposed => structure_transposed
       procedure :: force_in => structure_force_in
       procedure :: check_matrices => structure_check_matrices
       procedure :: damping_times => structure_damping_times
+      procedure :: depends_on_tuple => structure_depends_on_tuple
       procedure :: diagonals => structure_diagonals
       procedure :: factorise_mass => structure_factorise_mass
       procedure :: dof_index => structure_dof_index
@@ -249,6 +251,19 @@ contains
       end do
    end function sparse_times
 
+   !> Sets the tuple of the harmonic whose forces are evaluated next.
+   pure subroutine structure_set_tuple(self, tuple, further)
+      class(structure_t), intent(inout) :: self
+      integer, intent(in) :: tuple(:)                                 !! (n_tones)
+      integer, intent(in), optional :: further                        !! nodal diameters that are added, of disturbances
+      integer :: i
+
+      if (.not. allocated(self%parts)) return
+      do i = 1, size(self%parts)
+         call self%parts(i)%set_tuple(tuple, further)
+      end do
+   end subroutine structure_set_tuple
+
    !> S(w) c, the forces of a motion of one frequency; of a difference of two structures their change.
    pure function structure_force_in(self, c, frequency, drive) result(force)
       class(structure_t), intent(in) :: self
@@ -308,10 +323,23 @@ contains
       work = 0.0_wp
       if (.not. allocated(self%parts)) return
       do i = 1, size(self%parts)
+         if (self%parts(i)%kind == kind_of_part%neighbour) then       ! what both parts of a copy do is known by its motion
+            if (.not. self%parts(i)%is_of_previous) &
+               work = work + 2.0_wp*self%parts(i)%stiffness*real(conjg(sum(self%parts(i)%acts*c))*c(self%parts(i)%copy), wp)
+            cycle
+         end if
          call self%parts(i)%evaluate(frequency, z, dz_dw)
          work = work + conjg(sum(self%parts(i)%acts*c))*z*sum(self%parts(i)%feels*c)
       end do
    end function structure_work_in_parts
+
+   !> Whether the dynamic stiffness of a harmonic depends on its tuple, as that of a sector does.
+   pure logical function structure_depends_on_tuple(self) result(depends)
+      class(structure_t), intent(in) :: self
+
+      depends = .false.
+      if (allocated(self%parts)) depends = any(self%parts%kind == kind_of_part%neighbour)
+   end function structure_depends_on_tuple
 
    !> Fails for an operation that needs the matrices as they are: if there are too many degrees of freedom, or parts
    !> with frequency-dependent stiffness.
@@ -326,7 +354,11 @@ contains
                                         " degrees of freedom; the structure has "//to_text(self%n_dofs)// &
                                         ": reduce it (nhbm-model reduce)")
       if (present(has_parts)) return
-      if (allocated(self%parts)) call fail(error, what//" needs equations in time; a dynamic stiffness has none")
+      if (self%depends_on_tuple()) then
+         call fail(error, what//" needs equations in time; a sector has none: solve the whole wheel")
+      else if (allocated(self%parts)) then
+         call fail(error, what//" needs equations in time; a dynamic stiffness has none")
+      end if
    end subroutine structure_check_matrices
 
    !> Converts the matrices to dense ones.

@@ -12,13 +12,20 @@ module hb_structure_block
    private
    public :: new_structure_block, structure_block_t
 
+   !> Where a part contributes, and its share a b^T there.
+   type :: share_t
+      integer, allocatable :: entries(:)
+      real(wp), allocatable :: values(:)                              !! (size(entries))
+   end type share_t
+
    type :: structure_block_t
       integer :: n_entries = 0
       integer, allocatable :: row(:), column(:)                       !! (n_entries), position inside the block
       real(wp), allocatable :: mass(:), damping(:), stiffness(:)      !! (n_entries)
       type(frequency_part_t), allocatable :: parts(:)                 !! frequency-dependent parts, or not allocated
-      real(wp), allocatable :: shares(:, :)                           !! a b^T of each part, (n_entries, n_parts)
+      type(share_t), allocatable :: shares(:)                         !! of each part, (n_parts)
    contains
+      procedure :: set_tuple => structure_block_set_tuple
       procedure :: evaluate => structure_block_evaluate
       procedure :: scale_by => structure_block_scale_by
       procedure :: slope => structure_block_slope
@@ -74,35 +81,35 @@ contains
       type(structure_t), intent(in) :: structure
       integer, intent(in) :: rows(:), columns(:)
       real(wp) :: share
-      integer :: e, i, j, k, pass
+      integer :: e, i, j, k
 
       if (.not. allocated(structure%parts)) return
       self%parts = structure%parts
-      do pass = 1, 2                                         ! find entries, then fill
-         do k = 1, size(self%parts)
-            do j = 1, size(columns)
-               do i = 1, size(rows)
-                  share = self%parts(k)%acts(rows(i))*self%parts(k)%feels(columns(j))
-                  if (.not. abs(share) > 0.0_wp) cycle
-                  do e = 1, self%n_entries
-                     if (self%row(e) == i .and. self%column(e) == j) exit
-                  end do
-                  if (pass == 2) self%shares(e, k) = share
-                  if (e <= self%n_entries) cycle
-                  self%n_entries = e
-                  self%row = [self%row, i]
-                  self%column = [self%column, j]
+      allocate (self%shares(size(self%parts)))
+      do k = 1, size(self%parts)
+         allocate (self%shares(k)%entries(0), self%shares(k)%values(0))
+         do j = 1, size(columns)
+            if (.not. abs(self%parts(k)%feels(columns(j))) > 0.0_wp) cycle
+            do i = 1, size(rows)
+               share = self%parts(k)%acts(rows(i))*self%parts(k)%feels(columns(j))
+               if (.not. abs(share) > 0.0_wp) cycle
+               do e = 1, self%n_entries
+                  if (self%row(e) == i .and. self%column(e) == j) exit
                end do
+               self%shares(k)%entries = [self%shares(k)%entries, e]
+               self%shares(k)%values = [self%shares(k)%values, share]
+               if (e <= self%n_entries) cycle
+               self%n_entries = e
+               self%row = [self%row, i]
+               self%column = [self%column, j]
             end do
          end do
-         if (pass == 2) exit
-         allocate (self%shares(self%n_entries, size(self%parts)), source=0.0_wp)
-         associate (none => spread(0.0_wp, 1, self%n_entries - size(self%mass)))
-            self%mass = [self%mass, none]
-            self%damping = [self%damping, none]
-            self%stiffness = [self%stiffness, none]
-         end associate
       end do
+      associate (none => spread(0.0_wp, 1, self%n_entries - size(self%mass)))
+         self%mass = [self%mass, none]
+         self%damping = [self%damping, none]
+         self%stiffness = [self%stiffness, none]
+      end associate
    end subroutine add_parts
 
    !> Collects the entries of sparse matrices, row by row.
@@ -161,17 +168,36 @@ contains
    pure subroutine structure_block_scale_by(self, of_row, of_column)
       class(structure_block_t), intent(inout) :: self
       real(wp), intent(in) :: of_row(:), of_column(:)                 !! factors
-      integer :: e
+      integer :: e, k
 
       do e = 1, self%n_entries
          associate (factor => of_row(self%row(e))*of_column(self%column(e)))
             self%mass(e) = factor*self%mass(e)
             self%damping(e) = factor*self%damping(e)
             self%stiffness(e) = factor*self%stiffness(e)
-            if (allocated(self%shares)) self%shares(e, :) = factor*self%shares(e, :)
+         end associate
+      end do
+      if (.not. allocated(self%shares)) return
+      do k = 1, size(self%shares)
+         associate (share => self%shares(k))
+            do e = 1, size(share%entries)
+               share%values(e) = of_row(self%row(share%entries(e)))*of_column(self%column(share%entries(e)))*share%values(e)
+            end do
          end associate
       end do
    end subroutine structure_block_scale_by
+
+   !> Sets the tuple of the harmonic whose entries are evaluated next.
+   pure subroutine structure_block_set_tuple(self, tuple)
+      class(structure_block_t), intent(inout) :: self
+      integer, intent(in) :: tuple(:)                                 !! (n_tones)
+      integer :: k
+
+      if (.not. allocated(self%parts)) return
+      do k = 1, size(self%parts)
+         call self%parts(k)%set_tuple(tuple)
+      end do
+   end subroutine structure_block_set_tuple
 
    !> Values of the entries, s = k - (w**2 + i drive) m + i w d, plus those of the parts.
    pure subroutine structure_block_evaluate(self, frequency, drive, s)
@@ -180,14 +206,18 @@ contains
       real(wp), intent(in) :: drive                                   !! [rad**2/s**2], of any sign
       complex(wp), intent(out) :: s(:)                                !! (n_entries)
       complex(wp) :: dz_dw, z
-      integer :: k
+      integer :: e, k
 
       if (self%n_entries == 0) return
       s = cmplx(self%stiffness - frequency**2*self%mass, frequency*self%damping - drive*self%mass, wp)
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)
          call self%parts(k)%evaluate(frequency, z, dz_dw)
-         s = s + self%shares(:, k)*z
+         associate (share => self%shares(k))
+            do e = 1, size(share%entries)
+               s(share%entries(e)) = s(share%entries(e)) + share%values(e)*z
+            end do
+         end associate
       end do
    end subroutine structure_block_evaluate
 
@@ -197,14 +227,18 @@ contains
       real(wp), intent(in) :: frequency                               !! [rad/s], of any sign
       complex(wp), intent(out) :: ds_dw(:)                            !! (n_entries)
       complex(wp) :: dz_dw, z
-      integer :: k
+      integer :: e, k
 
       if (self%n_entries == 0) return
       ds_dw = cmplx(-2.0_wp*frequency*self%mass, self%damping, wp)
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)
          call self%parts(k)%evaluate(frequency, z, dz_dw)
-         ds_dw = ds_dw + self%shares(:, k)*dz_dw
+         associate (share => self%shares(k))
+            do e = 1, size(share%entries)
+               ds_dw(share%entries(e)) = ds_dw(share%entries(e)) + share%values(e)*dz_dw
+            end do
+         end associate
       end do
    end subroutine structure_block_slope
 
@@ -224,14 +258,18 @@ contains
       real(wp), intent(in) :: frequency
       real(wp), intent(out) :: magnitude(:)                           !! (n_entries)
       complex(wp) :: dz_dw, z
-      integer :: k
+      integer :: e, k
 
       if (self%n_entries == 0) return
       magnitude = abs(self%stiffness) + frequency**2*abs(self%mass) + abs(frequency*self%damping)
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)
          call self%parts(k)%evaluate(frequency, z, dz_dw)
-         magnitude = magnitude + abs(self%shares(:, k)*z)
+         associate (share => self%shares(k))
+            do e = 1, size(share%entries)
+               magnitude(share%entries(e)) = magnitude(share%entries(e)) + abs(share%values(e)*z)
+            end do
+         end associate
       end do
    end subroutine structure_block_magnitude
 
@@ -241,7 +279,7 @@ contains
       real(wp), intent(in) :: frequency
       real(wp), intent(out) :: magnitude(:)                           !! (number of rows)
       complex(wp) :: dz_dw, z
-      integer :: e, k
+      integer :: e, i, k
 
       magnitude = 0.0_wp
       do e = 1, self%n_entries
@@ -251,9 +289,12 @@ contains
       if (.not. allocated(self%parts)) return
       do k = 1, size(self%parts)
          call self%parts(k)%evaluate(frequency, z, dz_dw)
-         do e = 1, self%n_entries
-            if (self%row(e) == self%column(e)) magnitude(self%row(e)) = magnitude(self%row(e)) + abs(self%shares(e, k)*z)
-         end do
+         associate (share => self%shares(k))
+            do i = 1, size(share%entries)
+               e = share%entries(i)
+               if (self%row(e) == self%column(e)) magnitude(self%row(e)) = magnitude(self%row(e)) + abs(share%values(i)*z)
+            end do
+         end associate
       end do
    end subroutine structure_block_diagonal_magnitude
 end module hb_structure_block

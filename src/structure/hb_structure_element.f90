@@ -8,13 +8,18 @@ module hb_structure_element
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: element_box_t, structure_element_t
+   public :: dof_key_length, element_box_t, structure_element_t
+
+   integer, parameter :: dof_key_length = 4
 
    type, extends(numbered_t), abstract :: structure_element_t
       integer, allocatable :: dofs(:)                                 !! degrees of freedom at which it is, different ones
    contains
       procedure(add_element), deferred :: add_to
       procedure :: n_dofs => structure_element_n_dofs
+      procedure :: get_dof_keys => structure_element_get_dof_keys
+      procedure :: wanted_dofs => structure_element_wanted_dofs
+      procedure :: n_tones => structure_element_n_tones
       procedure :: check => structure_element_check
       procedure, non_overridable :: add_matrices => structure_element_add_matrices
    end type structure_element_t
@@ -37,7 +42,32 @@ module hb_structure_element
 
 contains
 
-   !> Number of degrees of freedom at which an element is.
+   !> Keys that name the degrees of freedom of an element, which are together those of all.
+   pure subroutine structure_element_get_dof_keys(self, keys)
+      class(structure_element_t), intent(in) :: self
+      character(dof_key_length), allocatable, intent(out) :: keys(:)
+
+      keys = [character(dof_key_length) :: "dofs"]
+   end subroutine structure_element_get_dof_keys
+
+   !> Degrees of freedom that must be unknown where laws act on some.
+   pure function structure_element_wanted_dofs(self, structure, is_used) result(dofs)
+      class(structure_element_t), intent(in) :: self
+      type(structure_t), intent(in) :: structure                      !! with this element
+      logical, intent(in) :: is_used(:)                               !! (structure%n_dofs), by laws
+      integer, allocatable :: dofs(:)
+
+      allocate (dofs(0))
+   end function structure_element_wanted_dofs
+
+   !> Number of tones that an element is for; negative: any.
+   pure integer function structure_element_n_tones(self) result(n_tones)
+      class(structure_element_t), intent(in) :: self
+
+      n_tones = -1
+   end function structure_element_n_tones
+
+   !> Number of degrees of freedom that each key names; 0: any.
    pure integer function structure_element_n_dofs(self) result(n_dofs)
       class(structure_element_t), intent(in) :: self
 

@@ -40,6 +40,7 @@ SECTIONS_BY_FILE = {
     "hb_harmonic_amplitude.f90": ["start", *WITH_AMPLITUDES],
 }
 SECTIONS_BY_PROCEDURE = {
+    "structure_element_get_dof_keys": ["bearing"],
     "any_beam_declare_numbers": ["structure beam", "structure modal_beam"],
     "fe_model_builder_declare_numbers": ["structure model"],
     "read_beam": ["structure beam"],
@@ -105,6 +106,8 @@ def keys_of_program() -> dict[str, dict[str, str]]:
                 kind = match.group(1)
             lists |= {name: re.findall(r'"(\w+)"', names) for name, names in LIST.findall(line)}
             listed = [key for name in CALL_BY_LIST.findall(line) for key in lists[name]]
+            if "dof_key_length) ::" in line:
+                listed += re.findall(r'"(\w+)"', line)
             if "placement%further" in line:
                 listed += [first + key for first in FURTHER.findall(line) for key in ("dofs", "weights")]
             for key in [key for _, key in CALL.findall(line)] + listed:

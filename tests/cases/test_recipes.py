@@ -19,7 +19,7 @@ LONG = {  # pages that take seconds
     "bolted_joint", "calculix", "cheat_sheet", "dual_rotor", "exercises", "find_folds", "finite_element_bracket", "finite_elements",
     "fit_backbone", "fit_measurement", "friction_damper", "intermodulation", "isola", "law_in_python", "migrate", "mistuned_wheel",
     "normal_mode", "optimise_absorbers", "optimise_damper", "other_solution", "own_matrices", "parametric", "peak_over_gap",
-    "period_doubling",
+    "one_sector", "period_doubling",
     "pictures", "rotor_rub", "rotor_seal", "small_signal", "surfaces", "sweep_two", "time_signal", "torus",
 }  # fmt: skip
 MAX_WORDS = {"howto": 450, "start": 1200, "README.md": 1000}

@@ -111,7 +111,8 @@ contains
       end if
       associate (here => self%here, omega => model%system%tones%omega)
          call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), &
-                                    here%harmonics%frequencies(omega), model%system%loads_in(here%harmonics), error)
+                                    here%harmonics%frequencies(omega), model%system%loads_in(here%harmonics), error, &
+                                    tuples=here%harmonics%tuples)
          if (allocated(error)) return
          call new_balance(self%balance, here%harmonics, here%torus, omega, stiffness, &
                           laws_at(coordinates_of(model%system), model%system%laws), error)

@@ -138,7 +138,8 @@ contains
       wanted%rates = 0.0_wp*balance%frequencies
       wanted%loads = slopes%loads
       call new_dynamic_stiffness(stiffness, model%system%structure, coordinates_of(model%system), balance%frequencies, &
-                                 model%system%loads_in(model%discretisation%harmonics), error, wanted)
+                                 model%system%loads_in(model%discretisation%harmonics), error, wanted, &
+                                 balance%harmonics%tuples)
       if (allocated(error)) return
       call new_linear_part(linear, stiffness)
       call linear%find_reaction_slope(balance%harmonics, reshape(x, shape(along)), 1.0_wp, once, along)
@@ -169,7 +170,8 @@ contains
          wanted%drives = balance%drives()
          wanted%drives = wanted%drives(positions)
          call new_dynamic_stiffness(stiffness, model%system%structure, balance%stiffness%coordinates, &
-                                    balance%frequencies(positions), loads%at(positions), error, wanted)
+                                    balance%frequencies(positions), loads%at(positions), error, wanted, &
+                                    balance%harmonics%tuples(:, positions))
          if (.not. allocated(error)) along(:, positions) = stiffness%load
       end associate
       slope = [balance%harmonics%coefficients(along)]

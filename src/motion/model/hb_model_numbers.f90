@@ -5,6 +5,7 @@
 module hb_model_numbers
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t, fail
+   use hb_frequency_part, only: kind_of_part
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_memory_estimate, only: check_memory, sizes_of
@@ -238,7 +239,14 @@ contains
       do i = 1, size(self%system%elements)
          call self%system%elements(i)%element%add_to(structure)
       end do
-      if (allocated(self%system%structure%parts)) structure%parts = self%system%structure%parts
+      if (.not. allocated(self%system%structure%parts)) return
+      associate (parts => self%system%structure%parts)
+         if (allocated(structure%parts)) then                         ! elements have made theirs
+            structure%parts = [pack(parts, parts%kind /= kind_of_part%neighbour), structure%parts]
+         else
+            structure%parts = parts
+         end if
+      end associate
    end subroutine build_structure
 
    logical function has_dofs_of(structure, other) result(has)

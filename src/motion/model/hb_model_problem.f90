@@ -208,7 +208,8 @@ contains
                   model%discretisation%harmonics%frequencies(model%system%tones%omega), &
                   model%system%loads_in(model%discretisation%harmonics), error, &
                   wanted_slopes_t(is_on=has_slopes, of_motion=model%system%normal_mode%has_energy, &
-                                  loads=model%system%load_slopes_in(model%discretisation%harmonics)))
+                                  loads=model%system%load_slopes_in(model%discretisation%harmonics)), &
+                  model%discretisation%harmonics%tuples)
                if (allocated(error)) return
             end if
             allocate (linear)

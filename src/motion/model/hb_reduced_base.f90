@@ -30,8 +30,8 @@ contains
       if (share > max_grid_ratio) share = 1.0_wp
    end function grid_share
 
-   !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do unknown
-   !> tones and requests for single harmonics. Rigid laws hold at the samples alone, so that their errors depend on the grid more
+   !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do sectors,
+   !> unknown tones and requests for single harmonics. Rigid laws hold at the samples alone, so that their errors depend on the grid more
    !> than those of others do.
    pure logical function may_change_base(system, options) result(may_change)
       type(system_t), intent(in) :: system
@@ -39,7 +39,7 @@ contains
       integer :: i
 
       may_change = system%tones%n_tones > 1 .and. .not. any(system%tones%is_unknown) .and. options%accuracy%refines_grid .and. &
-                   .not. system%normal_mode%is_requested
+                   .not. (system%normal_mode%is_requested .or. system%structure%depends_on_tuple())
       if (may_change .and. allocated(options%accuracy%outputs)) may_change = size(options%accuracy%outputs) == 0
       do i = 1, size(system%laws)
          associate (law => system%laws(i)%law)

@@ -152,16 +152,28 @@ contains
       end do
    end function system_has_loads_by_structure
 
-   !> Degrees of freedom whose motion is unknown whether or not a law acts on them: those with a given phase or amplitude, and
-   !> those that are kept.
+   !> Degrees of freedom whose motion is unknown whether or not a law acts on them: those with a given phase or amplitude, those
+   !> that are kept, and those that elements of the structure need.
    pure function system_wanted_dofs(self) result(dofs)
       class(system_t), intent(in) :: self
       integer, allocatable :: dofs(:)
+      logical, allocatable :: is_used(:)
+      integer :: i
 
       allocate (dofs(0))
       if (allocated(self%phase_dofs)) dofs = self%phase_dofs
       if (self%normal_mode%is_requested .and. .not. self%normal_mode%has_energy) dofs = [dofs, self%normal_mode%dof]
       if (allocated(self%kept_dofs)) dofs = [dofs, self%kept_dofs]
+      if (.not. allocated(self%elements)) return
+      if (size(self%elements) == 0) return
+      is_used = spread(.false., 1, self%structure%n_dofs)
+      is_used(dofs) = .true.
+      do i = 1, size(self%laws)
+         is_used(self%laws(i)%law%dofs) = .true.
+      end do
+      do i = 1, size(self%elements)
+         dofs = [dofs, self%elements(i)%element%wanted_dofs(self%structure, is_used)]
+      end do
    end function system_wanted_dofs
 
    !> Degrees of freedom of the coordinates of the unknowns, ascending, each once.

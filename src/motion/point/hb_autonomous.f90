@@ -151,7 +151,7 @@ contains
       if (allocated(error)) return
       grid%corrects_kinks = basis%torus%corrects_kinks
       call new_dynamic_stiffness(stiffness, system%structure, coordinates, set%frequencies(omega), &
-                                 system%loads_in(set), error)
+                                 system%loads_in(set), error, tuples=set%tuples)
       if (.not. allocated(error)) call new_balance(balance, set, grid, omega, stiffness, laws_at(coordinates, system%laws), &
                                                   error)
    end subroutine new_base_balance

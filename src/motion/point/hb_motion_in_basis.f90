@@ -101,14 +101,14 @@ contains
                basis%harmonics%frequencies(start%omega), system%loads_in(basis%harmonics), linear)
          if (allocated(linear)) return
          if (keeps) then
-            call cached%narrow%borrow(system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
+            call cached%narrow%borrow(system%structure, coordinates, basis%harmonics, basis%harmonics%frequencies(start%omega), &
                                       system%loads_in(basis%harmonics), linear, error)
             return
          end if
          call new_dynamic_stiffness(stiffness, system%structure, coordinates, basis%harmonics%frequencies(start%omega), &
                                     system%loads_in(basis%harmonics), error, &
                                     wanted_slopes_t(is_on=is_autonomous, of_motion=system%normal_mode%has_energy, &
-                                                    loads=system%load_slopes_in(basis%harmonics)))
+                                                    loads=system%load_slopes_in(basis%harmonics)), basis%harmonics%tuples)
          if (allocated(error) .or. coordinates%n == 0) return
          allocate (linear)
          call new_linear_part(linear, stiffness)

@@ -112,7 +112,7 @@ contains
       call new_amplitudes(none, base%model%system%structure%n_dofs, base%harmonics%n_harmonics)
       wanted%drives = base%drives()
       call new_dynamic_stiffness(transposed, base%model%system%structure%transposed(), base%stiffness%coordinates, &
-                                 base%frequencies, none, error, wanted)
+                                 base%frequencies, none, error, wanted, base%harmonics%tuples)
       is_found = .not. allocated(error)
    end subroutine transpose_structure
 
@@ -137,7 +137,7 @@ contains
          loads = weights%at(positions)
          loads%values = conjg(loads%values)
          call new_dynamic_stiffness(held, base%model%system%structure%transposed(), base%stiffness%coordinates, &
-                                    base%frequencies(positions), loads, error, wanted)
+                                    base%frequencies(positions), loads, error, wanted, base%harmonics%tuples(:, positions))
          is_found = .not. allocated(error)
          if (.not. is_found) return
          allocate (at_rest(base%n_dofs, size(positions)), source=(0.0_wp, 0.0_wp))
@@ -265,8 +265,10 @@ contains
          strength = 0.0_wp
          do h = 1, base%harmonics%n_harmonics
             force = slopes%loads%of(h)
-            if (allocated(slopes%structure)) &
+            if (allocated(slopes%structure)) then
+               call slopes%structure%set_tuple(base%harmonics%tuples(:, h))
                force = force - slopes%structure%force_in(self%motion(:, h), base%frequencies(h), drives(h))
+            end if
             strength = strength + norm2(abs(force))
             do i = 1, size(derivatives)
                part(i) = part(i) + real(sum(self%psi(:, h, i)*force), wp)

@@ -199,7 +199,8 @@ contains
             call set_movement(there, movement, value + (2*side - 3)*step, error)
             if (.not. allocated(error)) &
                call new_dynamic_stiffness(stiffness, there%system%structure, coordinates_of(there%system), &
-               set%frequencies(there%system%tones%omega), there%system%loads_in(set), error)
+               set%frequencies(there%system%tones%omega), there%system%loads_in(set), error, &
+               tuples=set%tuples)
             if (allocated(error)) return
             call stiffness%recover(reshape([complex(wp) ::], [0, set%n_harmonics]), c(:, :, side))
             gradient%frequency(:, k) = gradient%frequency(:, k) + (2*side - 3)*there%system%tones%omega/(2.0_wp*step)

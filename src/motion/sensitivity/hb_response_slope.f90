@@ -48,6 +48,7 @@ contains
 
       moving%frequencies = problem%frequencies
       moving%drives = problem%drives()
+      moving%tuples = problem%harmonics%tuples
       moving%loads = problem%model%system%loads_in(problem%harmonics)
       call add_frequency_slopes(problem, direction, moving)
       call problem%find_linear_slopes(direction(problem%n_unknowns + 1:), linear)

@@ -37,6 +37,11 @@ class Sector:
     shared: sp.csr_matrix  # B
     twin: dict[int, int]  # nodes of the high side: that of the low side
 
+    def pairs(self) -> tuple[list[str], list[str]]:
+        """Degrees of freedom of the low side and those of the high side, in the same order: what `Model.sector` joins."""
+        high, column = self.shared.nonzero()
+        return [self.model.labels[dof] for dof in self.own[column]], [self.model.labels[dof] for dof in high]
+
 
 def sector_of(model: Structure, n_sectors: int, low: str, high: str) -> Sector:
     """Prepares a sector of which the set `low`, turned by 2 pi/n_sectors, meets the set `high`."""

@@ -449,6 +449,27 @@ class Description(Laws):
         self._add("bearing", {"dofs": list(dofs), **values, **keys})
 
     @exclusive
+    def sector(self, n_sectors: int, engine_orders: Any, low: Iterable[str], high: Iterable[str], **keys: Any) -> None:
+        """Makes the structure one sector of a wheel, in motions that travel from sector to sector.
+
+        Harmonic j has d = sum of j times the engine orders as its nodal diameter: its amplitude in the next sector is
+        exp(-2 pi i d/n_sectors) times that in this one, as ``engine_order`` loads the sectors of a whole wheel.
+
+        Parameters
+        ----------
+        n_sectors : int
+        engine_orders : int or sequence of int
+            Engine order of each tone; negative: its wave travels the other way.
+        low, high : iterable of str
+            Degrees of freedom at the boundary with the previous sector, and those of this sector that are the same in the next
+            one, in the same order.
+        **keys
+            `label`.
+        """
+        orders = numbers_of("engine_orders", engine_orders, int)
+        self._add("sector", {"n_sectors": n_sectors, "engine_orders": orders, "low": list(low), "high": list(high), **keys})
+
+    @exclusive
     def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
         """Adds a part of the structure with frequency-dependent stiffness, such as a viscoelastic mount.
 
