@@ -129,7 +129,7 @@ contains
    end subroutine measure_by_motion
 
    !> A structure of the scaled coordinates; forces are scaled so that powers remain as they are.
-   pure function coordinate_scales_structure(self, structure) result(scaled)
+   function coordinate_scales_structure(self, structure) result(scaled)
       class(coordinate_scales_t), intent(in) :: self
       type(structure_t), intent(in) :: structure
       type(structure_t) :: scaled
@@ -155,7 +155,7 @@ contains
    end function coordinate_scales_structure
 
    !> The laws, on the scaled coordinates.
-   pure function coordinate_scales_laws(self, laws) result(scaled)
+   function coordinate_scales_laws(self, laws) result(scaled)
       class(coordinate_scales_t), intent(in) :: self
       type(law_box_t), intent(in) :: laws(:)
       type(law_box_t), allocatable :: scaled(:)

@@ -340,6 +340,50 @@ def test_functions_return_no_text_of_deferred_length(path):
             assert found not in re.findall(r"\w+", match.group(1)), f"{name}, line {number}: make it a subroutine"
 
 
+@functools.cache
+def _polymorphic_types() -> set[str]:
+    """Types with a polymorphic allocatable component, also one of their components or of what they extend."""
+    found: set[str] = set()
+    parts: dict[str, set[str]] = {}
+    for path in sources():
+        name = ""
+        for _, text in statements(path):
+            code = text.strip()
+            head = re.match(r"type(?!\s*\()(.*?)(?:::)?\s*(\w+)$", code)
+            if head:
+                name = head[2]
+                parts.setdefault(name, set()).update(re.findall(r"extends\((\w+)\)", head[1]))
+            elif code.startswith(("end type", "contains")):
+                name = ""
+            elif name and re.match(r"class\(\w+\)[^:]*allocatable", code):
+                found.add(name)
+            elif name and "pointer" not in code.split("::")[0]:
+                parts[name].update(re.findall(r"^type\((\w+)\)", code))
+    while more := {name for name, held in parts.items() if name not in found and held & found}:
+        found |= more
+    return found
+
+
+@for_all_sources
+def test_pure_functions_return_nothing_polymorphic(path):
+    """Fortran 2018, section 15.7: gfortran compiles such functions up to version 15, and refuses them from 16 on."""
+    lines = statements(path)
+    wrong = []
+    for i, (number, text) in enumerate(lines):
+        head = re.match(r"\s*((?:[\w()=]+\s+)*)function\s+(\w+)\s*\([^)]*\)\s*(?:result\((\w+)\))?", text)
+        if not head or not {"pure", "elemental"} & set(head[1].split()) or text.strip().startswith("end"):
+            continue
+        kind = re.search(r"type\((\w+)\)", head[1])
+        result = re.compile(rf"\s*type\((\w+)\).*::.*\b{head[3] or head[2]}\b")
+        kinds = [kind[1]] if kind else []
+        for _, later in lines[i + 1 :]:
+            if later.strip().startswith("end function"):
+                break
+            kinds += [found[1] for found in [result.match(later)] if found]
+        wrong += [f"line {number}: {head[2]} returns {name}" for name in kinds if name in _polymorphic_types()]
+    assert not wrong, f"{path.name}: " + ", ".join(wrong)
+
+
 def _documented() -> set[str]:
     """Procedures with a line of documentation before them, in any file; for bodies of submodules it is in the interface."""
     heads = r"(?:subroutine|function|module\s+procedure)"
