@@ -26,9 +26,10 @@ module hb_error_estimate
    use hb_solver_types, only: report_t, solver_config_t
    use hb_structure, only: structure_t
    use hb_tangent_solver, only: new_tangent_solver, tangent_solver_t
-   use hb_thresholds, only: equality_tolerance, nearby_steps, small_share, well_solved
+   use hb_thresholds, only: equality_tolerance, nearby_steps, rounding_level, small_share, well_solved
    use hb_tones, only: new_tones, tones_t
    use hb_torus, only: torus_t
+   use hb_weak_direction, only: weak_direction_t
    use hb_wide_problem, only: are_walls_struck, clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, &
       wide_problem_t
    use hb_wider_discretisation, only: choose_wider
@@ -42,6 +43,10 @@ module hb_error_estimate
    !> Likewise, change from a grid to one of four times the samples over that to one of twice as many: errors that fall so slowly
    !> are estimated as with one tone, others up to 2.3 times too large.
    real(wp), parameter :: of_first_power_of_grid = 1.5_wp
+
+   !> Response of the motion's tangent to what a step in the wider set leaves, relative to the step, above which linear steps do not
+   !> show the error: an equation x - k x**2 = e has no solution above 1/4.
+   real(wp), parameter :: max_growth = 0.2_wp
 
 contains
 
@@ -261,6 +266,11 @@ contains
       self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
       call whole%find_two_steps(big, r, acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
+      if (.not. present(bordered) .and. whole%growth > max_growth .and. &
+          whole%growth*measure%norm(reshape(first, shape(big))) > rounding_level*size_of_motion) then
+         call find_along_weak_direction(whole, problem, tangent, big, size_of_motion, first, second, is_lost)
+         if (is_lost) return
+      end if
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
       self%truncation = self%truncation/size_of_motion
       call allow_for_slow_convergence(self, balance, is_fine)
@@ -275,6 +285,27 @@ contains
       call whole%improve(self%wanted%improvement_steps, big)
       self%improved = wide%at_law_dofs(big)
    end subroutine estimate_errors
+
+   !> Replaces two steps by the one to the motion in the wider set that is reached along the weakest direction of the tangent;
+   !> `is_lost` if there is none within the size of the motion.
+   subroutine find_along_weak_direction(whole, problem, tangent, motion, size_of_motion, first, second, is_lost)
+      type(wide_problem_t), intent(in) :: whole
+      class(problem_t), intent(inout) :: problem
+      type(tangent_solver_t), intent(inout) :: tangent                !! of `problem`
+      real(wp), intent(in) :: motion(:, :)                            !! in the wider set [m]
+      real(wp), intent(in) :: size_of_motion                          !! [m]
+      real(wp), intent(inout) :: first(:), second(:)                  !! (n_unknowns)
+      logical, intent(out) :: is_lost
+      type(weak_direction_t) :: weak
+      logical :: is_possible
+
+      is_lost = .false.
+      call weak%border_by(whole, problem, tangent, is_possible)
+      if (.not. is_possible) return
+      call weak%find_motion(motion, size_of_motion, first, is_possible)
+      is_lost = .not. is_possible
+      second = 0.0_wp
+   end subroutine find_along_weak_direction
 
    !> The problem that a motion solves, its unknowns, and its tangent slightly later than the motion; `is_lost` if that is singular.
    subroutine find_tangent(balance, u, problem, x, tangent, is_lost, bordered)

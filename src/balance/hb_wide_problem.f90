@@ -22,6 +22,8 @@ module hb_wide_problem
    public :: are_walls_struck, clearly_smaller, has_multipliers, has_walls, new_wide_problem, slightly_later, vectors_of_steps
    public :: wide_problem_t
 
+   real(wp), parameter :: step_accuracy = 1.0e-2_wp                   ! of a step, and of the one after it in units of that
+
    type, extends(bordered_problem_t) :: wide_problem_t
       integer :: n_products = 0                                       !! so far
       type(balance_t), pointer, private :: wide => null()
@@ -29,6 +31,9 @@ module hb_wide_problem
       type(tangent_solver_t), pointer, private :: solver => null()    ! of `narrow`
       integer, allocatable :: positions(:)                            !! positions of the retained unknowns among all
       logical :: is_lost = .false.                                    !! the tangent of `narrow` gave no step
+      real(wp) :: accuracy = step_accuracy                            !! of steps
+      real(wp) :: growth = 0.0_wp                                     !! step in blocks after a coupled step, relative to that: above
+                                                                      !! 1 the tangent of `narrow` is almost singular
       type(tangent_krylov_t), allocatable, private :: krylov          ! of the wide balance, where this gives the steps
    contains
       procedure :: find_two_steps => wide_problem_find_two_steps
@@ -42,7 +47,6 @@ module hb_wide_problem
       procedure :: improve => wide_problem_improve
    end type wide_problem_t
 
-   real(wp), parameter :: step_accuracy = 1.0e-2_wp                   ! of a step, and of the one after it in units of that
    real(wp), parameter :: residual_rounding = 1.0e-10_wp              ! of a residual, relative to its largest component: rounding
    real(wp), parameter :: clearly_smaller = 0.5_wp                    !! a second step, relative to the first
    ! products for one step: with 16 and 30, points of stops under two tones were more expensive and their sets no
@@ -289,6 +293,7 @@ contains
       if (.not. is_lost) call self%find_residual(moved(motion, first), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
+      self%growth = self%length_of(second)/self%length_of(first)
       call self%find_step(moved(motion, first), r_there, most, step_accuracy*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
    end subroutine find_coupled_steps
@@ -437,7 +442,7 @@ contains
       if (.not. is_found) return
       call new_gmres(gmres, self%n_unknowns, most)
       blocks = step
-      call gmres%solve(self, blocks, max(step_accuracy, least/self%length_of(blocks)), most, step)
+      call gmres%solve(self, blocks, max(self%accuracy, least/self%length_of(blocks)), most, step)
       self%n_products = self%n_products + gmres%n_products
       is_found = all(ieee_is_finite(step)) .and. .not. self%is_lost
    end subroutine wide_problem_find_step

@@ -356,3 +356,42 @@ def test_estimates_of_frequencies_do_not_cancel(tmp_path):
         result = solve(text.format(order=order, samples=48), tmp_path, name=f"order_{order}", status=None)
         frequency, estimate = read(result, "frequency", "frequency_estimate")
         assert abs(frequency[0, 0] - reference) <= FACTOR * estimate[0, 0], order
+
+
+def frequencies_towards_tip(damping, cubic, load, phases):
+    """Frequencies at which Duffing's oscillator of order 1 lags its load by 90 degrees less `phases`, in closed form."""
+    frequencies = []
+    for phase in phases:
+        w = 1.0
+        for _ in range(200):
+            a = load * np.cos(phase) / (damping * w)
+            w = np.sqrt(1.0 + 0.75 * cubic * a**2 - damping * w * np.tan(phase))
+        frequencies.append(w)
+    return frequencies
+
+
+@pytest.mark.parametrize("damping", [4e-5, 1e-4, 1e-3])
+def test_error_towards_the_tip_of_a_resonance_is_not_underestimated(damping, tmp_path):
+    """A shift of the backbone moves a motion at the tip by its root, along a direction that linear steps do not show."""
+    phases = np.concatenate([np.arccos(np.linspace(0.01, 0.9, 90)), np.geomspace(0.4, 0.01, 20)])
+    values = ", ".join(map(repr, map(float, frequencies_towards_tip(damping, 0.1, damping, phases))))
+    model = (
+        f"&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = {damping}, stiffness = 1.0 /\n&tones frequency = 1.0 /\n"
+        f"&load dof = 'x1', tuple = 1, cos = {damping} /\n&law type = 'cubic_spring', dof = 'x1', stiffness = 0.1 /\n"
+        "&solver first_guess = 'neighbour' /\n&error_estimate truncation = 10.0 /\n"
+        f"&sweep parameter = 'tones%frequency', values = {values} /\n"
+    )
+    motions, estimates = [], []
+    for order in (2, 15):
+        result = solve(model + f"&harmonics order = {order} /\n", tmp_path)
+        motion, status, estimate = read(result, "coefficients", "status", "truncation_estimate")
+        assert (status == CONVERGED).all()
+        motions.append(motion)
+        estimates.append(estimate)
+    found, reference = motions
+    missing = np.zeros_like(reference)
+    missing[:, :, : found.shape[2]] = found
+    errors = np.sqrt(((missing - reference) ** 2).sum(axis=(1, 2, 3)) / (reference**2).sum(axis=(1, 2, 3)))
+    assert errors[-1] > 0.02  # the tip is reached
+    assert (errors <= FACTOR * estimates[0]).all()
+    assert (estimates[0] <= FACTOR * errors)[errors > 1e-6].all()
