@@ -50,7 +50,7 @@ module command_table
 
    character(*), parameter :: all_verbs = "solve resume info merge why check plan integrate census verify"
 
-   type(option_t), parameter :: options(28) = [ &
+   type(option_t), parameter :: options(29) = [ &
       option_t("--output", "-o", "FILE", "solve integrate census", &
          "result file; default: name of the input with .h5, in the current folder"), &
       option_t("--overwrite", "", "", "solve integrate census merge", "replace an existing result file"), &
@@ -60,6 +60,7 @@ module command_table
       option_t("--retry", "", "", "resume", "also repeat the points that did not converge"), &
       option_t("--time-limit", "", "SECONDS", "solve resume", &
          "end the run after this time; nhbm resume solves the remaining points"), &
+      option_t("--time-limit", "", "SECONDS", "integrate", "end after this time, without a record"), &
       option_t("--time-limit", "", "SECONDS", "check census verify", "end after this time, with what is done until then"), &
       option_t("--workers", "", "N", "solve resume verify", &
          "number of processes on this computer that share the points, for nhbm without MPI (pip); otherwise use mpirun -n N"), &

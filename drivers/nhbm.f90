@@ -244,7 +244,7 @@ contains
       else if (verb == "verify") then
          call run_verify(options, comm, status, error)
       else if (verb == "integrate") then
-         call run_integrate(options, comm, error)
+         call run_integrate(options, comm, status, error)
       else
          call run_solve(options, comm, status, error)
       end if

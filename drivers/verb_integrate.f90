@@ -1,9 +1,10 @@
 !> `nhbm integrate`: integrates a model in time and writes the record.
 module verb_integrate
    use arguments, only: arguments_t
-   use console, only: say
+   use console, only: print_error, say
+   use exit_status, only: incomplete
    use hb_attractors, only: report_motions
-   use hb_cancellation, only: cancellation_t
+   use hb_cancellation, only: cancellation_t, verdict
    use hb_clock, only: wall_clock
    use hb_document, only: document_t
    use hb_error, only: annotate, error_t, fail
@@ -12,6 +13,7 @@ module verb_integrate
    use hb_integration, only: check_integration, integrate_model, integration_t
    use hb_integration_file, only: integration_origin_t, read_integration_state, write_integration_file
    use hb_integration_system, only: integration_state_t, new_integration_state
+   use hb_interruption, only: interruption
    use hb_kinds, only: wp
    use hb_model_reader, only: read_model
    use hb_mpi, only: comm_t, rank_of, share_error
@@ -21,6 +23,7 @@ module verb_integrate
    use hb_text, only: to_text
    use hb_time_stepping, only: integration_assessment_t
    use result_location, only: place_result
+   use run_texts, only: ending_text
    use verb_solve, only: load_study
    implicit none
    private
@@ -31,16 +34,19 @@ module verb_integrate
       logical :: is_begun = .false.
       integer :: level = log_level%normal
       integer :: n_steps = 0
+      real(wp) :: ends = huge(1.0_wp)                                 ! time of the wall clock [s]
    contains
       procedure :: note_progress => shown_progress_note_progress
+      procedure :: wants_end => shown_progress_wants_end
    end type shown_progress_t
 
 contains
 
    !> Runs the verb, on one rank.
-   subroutine run_integrate(options, comm, error)
+   subroutine run_integrate(options, comm, status, error)
       type(arguments_t), intent(in) :: options
       type(comm_t), intent(in) :: comm
+      integer, intent(inout) :: status                                !! of the program
       type(error_t), allocatable, intent(out) :: error
       type(study_t) :: study
       character(:), allocatable :: path
@@ -56,7 +62,7 @@ contains
       if (allocated(error)) return
       call place_result(options, comm, path, error)
       if (allocated(error)) return
-      if (rank_of(comm) == 0) call integrate_to_file(options, study, path, error)
+      if (rank_of(comm) == 0) call integrate_to_file(options, study, path, status, error)
       call share_error(comm, error)
    end subroutine run_integrate
 
@@ -91,10 +97,11 @@ contains
       call annotate(error, "point "//to_text(point - 1))
    end subroutine adopt_point
 
-   subroutine integrate_to_file(options, study, path, error)
+   subroutine integrate_to_file(options, study, path, status, error)
       type(arguments_t), intent(in) :: options
       type(study_t), intent(in) :: study
       character(*), intent(in) :: path                                !! of the record
+      integer, intent(inout) :: status                                !! of the program
       type(error_t), allocatable, intent(out) :: error
       type(integration_t), target :: content
       type(integration_origin_t) :: origin
@@ -119,9 +126,16 @@ contains
          end if
          progress%level = options%level
          seconds = wall_clock()
+         if (options%time_limit < huge(1.0_wp)) progress%ends = seconds + options%time_limit
          call progress%enter(huge(1.0_wp))
          call integrate_model(content, model%system, model%discretisation, model%options, error, earlier)
          call progress%leave()
+         if (allocated(error) .and. progress%verdict == verdict%interrupted) then
+            deallocate (error)
+            status = incomplete
+            call print_error(ending_text(interruption%time_limit)//" before there was a result")
+            return
+         end if
          if (allocated(error)) return
          seconds = wall_clock() - seconds
          if (progress%is_begun) call progress%line%finish(progress%n_steps, 0)
@@ -197,4 +211,10 @@ contains
       self%n_steps = n_steps
       if (self%line%is_due()) call self%line%show(n_done, 0)
    end subroutine shown_progress_note_progress
+
+   logical function shown_progress_wants_end(self) result(wants_end)
+      class(shown_progress_t), intent(inout) :: self
+
+      wants_end = wall_clock() > self%ends
+   end function shown_progress_wants_end
 end module verb_integrate

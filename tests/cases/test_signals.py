@@ -211,6 +211,13 @@ def test_a_signal_ends_check_and_integrate_with_a_message(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["case.nml"]
 
 
+def test_the_time_limit_ends_integrate_without_a_record(tmp_path):
+    endless = RINGING.split("&sweep")[0] + "&integration duration = 1e7, decimation = 1000000 /\n"
+    done = run("integrate", write(tmp_path, endless), "--time-limit", 0.2, cwd=tmp_path)
+    assert done.status == INCOMPLETE and "stopped by the time limit" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["case.nml"]
+
+
 @pytest.mark.parametrize("ranks", [None, 2])
 def test_time_limit(ranks, tmp_path):
     result = ended(tmp_path, SWEPT.replace(f"n = {N_SWEPT}", "n = 2000"))
