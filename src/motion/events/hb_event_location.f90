@@ -353,7 +353,7 @@ contains
       real(wp), allocatable :: positions(:), values(:)
       real(wp) :: position, x(size(search%curve%x))
       integer :: i, k, n
-      logical :: is_found, is_there
+      logical :: is_found
 
       n = size(x)
       associate (curve => search%curve, request => search%followed%request)
@@ -372,14 +372,27 @@ contains
                   if ((values(k) - wanted(i))*(wanted(3 - i) - wanted(i)) < 0.0_wp) cycle
                end if
                call curve%find_zero(event, positions(k:k + 1), (values(k:k + 1) - wanted(i))/event%unit, x, position, is_found)
+               if (is_found) call move_to_value(is_found)
                if (.not. is_found) search%is_lost = search%is_lost .or. i <= 2     ! nothing lies beyond the ends
                if (.not. is_found) cycle
-               x(n) = wanted(i)
-               call curve%correct_at_value(x, is_there)
                call add_point(search%found, merge(curve_kind%end, curve_kind%value, i <= 2), position, x)
             end do
          end do
       end associate
+
+   contains
+
+      !> Moves a located point to the wanted value. Next to a fold the correction leaves it where it is: it counts if its value is
+      !> the wanted one but for rounding.
+      subroutine move_to_value(is_found)
+         logical, intent(out) :: is_found
+         logical :: is_there
+
+         is_found = abs(x(n) - event%wanted) <= rounding_of(search)*event%unit
+         x(n) = event%wanted
+         call search%curve%correct_at_value(x, is_there)
+         is_found = is_found .or. is_there
+      end subroutine move_to_value
    end subroutine find_values
 
    !> Whether both extremes are equal before and after, as for a whirl about the center of a ring.
