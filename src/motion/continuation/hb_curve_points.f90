@@ -7,7 +7,7 @@ module hb_curve_points
    use hb_stability, only: stability_t
    implicit none
    private
-   public :: add_point, curve_point_t, path_of, reported_extreme_t, store_path
+   public :: add_point, curve_point_t, name_unlocated, path_of, reported_extreme_t, store_path
 
    !> A point that was found on a step.
    type :: curve_point_t
@@ -53,6 +53,18 @@ contains
       if (.not. allocated(list)) allocate (list(0))
       list = [list, point]
    end subroutine add_point
+
+   !> Adds to a point events before it that were not located.
+   pure subroutine name_unlocated(point, events, has_fold)
+      type(curve_point_t), intent(inout) :: point
+      character(*), intent(in) :: events                              !! how many of which kind; blank: none
+      logical, intent(in) :: has_fold                                 !! one of these is a fold
+
+      if (len_trim(events) == 0) return
+      point%hides_fold = point%hides_fold .or. has_fold
+      if (len_trim(point%unlocated) > 0) point%unlocated = trim(point%unlocated)//","
+      point%unlocated = adjustl(trim(point%unlocated)//" "//events)
+   end subroutine name_unlocated
 
    !> Stores in a row what a curve needs to continue from there, besides its point and direction.
    pure subroutine store_path(path, position)

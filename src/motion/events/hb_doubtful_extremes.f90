@@ -3,7 +3,7 @@
 module hb_doubtful_extremes
    use hb_curve, only: curve_t
    use hb_curve_branches, only: branches_t
-   use hb_curve_points, only: curve_point_t, reported_extreme_t
+   use hb_curve_points, only: curve_point_t, name_unlocated, reported_extreme_t
    use hb_error, only: error_t
    use hb_followed, only: followed_t
    use hb_kinds, only: wp
@@ -90,9 +90,7 @@ contains
          if (.not. removed%sense*(curve%x(n) - removed%value) > 0.0_wp) return
          if (.not. removed%sense*curve%direction(n) < 0.0_wp) return
       end associate
-      ending%hides_fold = .true.
-      if (len_trim(ending%unlocated) > 0) ending%unlocated = trim(ending%unlocated)//","
-      ending%unlocated = adjustl(trim(ending%unlocated)//" 1 'fold', 0 located")
+      call name_unlocated(ending, "1 'fold', 0 located", has_fold=.true.)
    end subroutine name_fold_behind
 
    !> Finds the sense of the last fold of this branch. The first branch begins at one, unless its start is across the value.

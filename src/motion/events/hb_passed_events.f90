@@ -6,8 +6,8 @@
 module hb_passed_events
    use hb_curve, only: curve_t
    use hb_curve_branches, only: branches_t
-   use hb_curve_events, only: compared_event_t, differing_events
-   use hb_curve_points, only: curve_point_t
+   use hb_curve_events, only: compared_event_t, describe_unlocated, differing_events
+   use hb_curve_points, only: curve_point_t, name_unlocated
    use hb_event_location, only: find_events
    use hb_followed, only: curve_state_t, followed_t
    use hb_kinds, only: wp
@@ -20,7 +20,8 @@ module hb_passed_events
 
 contains
 
-   !> Adds the events behind the start of the last step to its points, at negative positions.
+   !> Adds the events behind the start of the last step to its points, at negative positions, and names those that are not found
+   !> at its end.
    subroutine find_passed_events(followed, curve, branches, before, here, points)
       class(followed_t), intent(inout), target :: followed
       type(curve_t), intent(inout) :: curve                           !! at the end of the step; the work is counted
@@ -30,6 +31,7 @@ contains
       type(curve_point_t), allocatable, intent(inout) :: points(:)
       type(curve_t) :: backward
       type(curve_state_t) :: state
+      type(curve_point_t) :: there
       type(compared_event_t), allocatable :: differing(:)
       type(curve_point_t), allocatable :: passed(:)
       real(wp) :: position
@@ -50,6 +52,9 @@ contains
          if (size(differing_events(before%at_point, state%at_point, followed%request%responses%kind)) == 0) exit
       end do
       curve%report = backward%report
+      there%x = here%path%x
+      call describe_unlocated(before%at_point, here%at_point, followed%request%responses%kind, passed, there)
+      call name_unlocated(points(size(points)), trim(there%unlocated), there%hides_fold)
       points = [passed, points]
       call followed%update_units(curve)
    end subroutine find_passed_events
