@@ -424,6 +424,8 @@ contains
          "in units of the range and of the largest motion; negative in the other direction", position%length)
       call t%integer("curve_response", "1", "", &
          "number of the response that is located there, of all keys that name responses together; 0: none", position%response)
+      call t%integer("curve_extreme", "1", "", "1 at a maximum, -1 at a minimum, 2 at one of unknown sense, "// &
+         "and at the end of a step that passed a fold which is not located; else 0", position%extreme)
       call t%real("curve_over", "1", "", "value of 'over' in its unit for continued located points, else 0", position%over)
       call t%integer("curve_n_unknowns", "1", "", "number of unknowns of the curve in use", n)
       call t%real_array("curve_unknowns", "1", "curve_unknown", "unknowns of the curve, the value last", position%unknowns)

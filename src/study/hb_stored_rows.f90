@@ -130,6 +130,7 @@ contains
       position%angle = number("curve_angle")
       position%over = number("curve_over")
       position%response = whole("curve_response")
+      position%extreme = whole("curve_extreme")
       if (allocated(error)) return
       n = max(0, min(n, size(position%unknowns)))
       position%unknowns = position%unknowns(:n)

@@ -252,22 +252,20 @@ contains
          end do
          do i = size(stored), 2, -1
             if (stored(i)%kind == curve_kind%start .or. stored(i)%length*stored(size(stored))%length < 0.0_wp) exit
-            if (curve_kinds(stored(i)%kind)%is_extreme) &
-               course%reported = [course%reported, reported_extreme_t(stored(i)%response, abs(stored(i)%length), &
-                                                                      sense_at(stored, i))]
+            if (stored(i)%extreme /= 0) course%reported = [reported_at(stored(i)), course%reported]
          end do
          if (followed%has_images()) &
             call restore_course(followed, course, stored(max(1, i):), followed%model%discretisation)
       end associate
    end subroutine restore_passed
 
-   !> Whether the value at a stored point is larger, 1, or smaller than at those beside it, -1.
-   pure real(wp) function sense_at(stored, i) result(sense)
-      type(curve_position_t), intent(in) :: stored(:)
-      integer, intent(in) :: i                                        !! at least 2
+   !> The extreme of a stored point.
+   pure type(reported_extreme_t) function reported_at(position) result(reported)
+      type(curve_position_t), intent(in) :: position
 
-      sense = sign(1.0_wp, 2.0_wp*stored(i)%parameter - stored(i - 1)%parameter - stored(min(i + 1, size(stored)))%parameter)
-   end function sense_at
+      reported = reported_extreme_t(position%response, abs(position%length))
+      if (abs(position%extreme) == 1) reported%sense = position%extreme
+   end function reported_at
 
    ! Branches of the curve
 
@@ -545,8 +543,10 @@ contains
          if (kind%by == located_by%response) position%response = point%response
          if (kind%by == located_by%multipliers .and. kind%has_derivatives .and. allocated(result%stability%multipliers)) &
             position%angle = angle_of_pair(result%stability%multipliers)
-         if (kind%is_extreme .or. point%hides_fold) &
-            course%reported = [course%reported, reported_extreme_t(point%response, length, point%sense)]
+         if (kind%is_extreme .or. point%hides_fold) then
+            position%extreme = nint(merge(point%sense, 2.0_wp, abs(point%sense) > 0.0_wp))
+            course%reported = [course%reported, reported_at(position)]
+         end if
          select case (point%kind)
          case (curve_kind%regular, curve_kind%start)
             call store_path(self%curve%path_t, position)

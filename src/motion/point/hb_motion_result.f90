@@ -31,6 +31,8 @@ module hb_motion_result
       integer :: n_exhausted = 0                        !! last steps that took the work of a point, likewise
       real(wp) :: angle = 0.0_wp                        !! of the multipliers at a period doubling or Neimark-Sacker point [rad]
       integer :: response = 0                           !! number in the request of the response that is located there
+      integer :: extreme = 0                            !! 1: a maximum, -1: a minimum, 2: one of unknown sense, or a fold that was
+                                                        !! passed on the step and not located
       real(wp) :: over = 0.0_wp                         !! value of `over`, for a located point that is followed
       integer, allocatable :: tuples(:, :)              !! set of the motion, (n_tones, n_harmonics); that of the model if none
       integer, allocatable :: n_samples(:)              !! of its grid, (n_tones); likewise
