@@ -293,7 +293,7 @@ contains
       if (.not. is_lost) call self%find_residual(moved(motion, first), first, r_there, is_lost)
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
-      self%growth = self%length_of(second)/self%length_of(first)
+      self%growth = self%length_of(second)/max(self%length_of(first), tiny(1.0_wp))
       call self%find_step(moved(motion, first), r_there, most, step_accuracy*norm2(first(:size(motion))), second, is_found)
       is_lost = .not. is_found
    end subroutine find_coupled_steps

@@ -7,7 +7,7 @@ import pytest
 from nhbm_post.reader import Results
 
 from curve_models import DUFFING
-from program import NOT_ALL_CONVERGED, coefficients_by_tuple, run, solve
+from program import NOT_ALL_CONVERGED, coefficients_by_tuple, read, run, solve
 
 def values_at(results: Results, kind: str) -> np.ndarray:
     """Values along the curve at its points of a kind."""
@@ -325,3 +325,37 @@ def test_curves_whose_steps_use_up_their_work_end(tmp_path):
         last = results.used[-1]
         assert results.status_name(last) == "out_of_budget" and "max_work" in results.message(last)
         assert [results.status_name(point) for point in results.used[-11:-1]] == 10*["truncated"]
+
+
+# `tests/campaigns/curves --seed 91101 --first 23`: an annular clearance and friction, whose kinks are closer than any step
+CIRCLING = """
+&structure type='matrices', n_dofs=3, mass=0.8212557504231407,0.07478061830259669,-0.007036507619602483,0.07478061830259669,
+   1.92466513342953,-0.10730124117472342,-0.007036507619602483,-0.10730124117472342,0.923794064668919,
+    stiffness=4.448880415308979,-1.3401841170851077,3.104209544641494,-1.3401841170851077,1.966998289225249,
+   -1.5084283123034739,3.104209544641494,-1.5084283123034739,4.578847083225494, damping_mass=0.005767875145114082,
+    damping_stiffness=0.0 /
+&tones frequency=1.028661406366894 /
+&harmonics order=25 /
+&law type='annular_clearance', dofs='x1','x3', stiffness=14.816757002215315, clearance=0.7186320058080741 /
+&law type='jenkins', dof='x3', stiffness=0.7809362257246167, limit=0.3330411986346336 /
+&load dof='x1', tuple=1, cos=-0.38218455340794044, sin=0.8631107442933693 /
+&curve parameter='tones%frequency', from=0.3406335278114423, to=1.9586427849157928, points=300, peak_of='x2 (1)',
+    minimum_of='x1', amplitude_of='x1', amplitudes=0.6940939018531439 /
+"""
+
+
+def test_a_curve_that_circles_between_kinks_is_given_up_by_name(tmp_path):
+    with Results(solve(CIRCLING, tmp_path, status=NOT_ALL_CONVERGED)) as results:
+        last = results.used[-1]
+        assert results.status_name(last) == "out_of_budget"
+        assert "folds that it passed were not located" in results.message(last)
+
+
+@pytest.mark.parametrize("n_points", [28, 36, 40])
+def test_a_resumed_curve_has_the_folds_that_were_not_located(n_points, tmp_path):
+    """The whole curve ends because of them, wherever it was interrupted."""
+    whole = solve(CIRCLING, tmp_path, name="whole", status=NOT_ALL_CONVERGED)
+    part = solve(CIRCLING.replace("points=300", f"points={n_points}"), tmp_path, status=None, name="part")
+    assert run("resume", part.name, "--set", "curve%points=300", cwd=tmp_path).status == NOT_ALL_CONVERGED
+    for name in ("status", "curve_kind", "curve_extreme", "curve_length", "frequency", "coefficients"):
+        np.testing.assert_array_equal(read(part, name), read(whole, name))

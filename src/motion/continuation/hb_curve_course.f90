@@ -15,10 +15,12 @@ module hb_curve_course
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: curve_course_t, max_exhausted, max_unreliable
+   public :: curve_course_t, max_exhausted, max_unlocated, max_unreliable
 
    integer, parameter :: max_unreliable = 30                          !! consecutive steps with errors too large to be estimated
    integer, parameter :: max_exhausted = 10                           !! consecutive steps that use up the work of a point
+   integer, parameter :: max_unlocated = 10                           !! consecutive folds that are not located, near each other
+   real(wp), parameter :: max_span = 0.01_wp                          ! of the arc with these
    real(wp), parameter :: max_error_ratio = 10.0_wp                         ! in units of the tolerance: too large to go on
    integer, parameter :: n_points = 4                                 ! from which the frequency of a combination is extrapolated
    real(wp), parameter :: min_decrease = 1.5_wp                       ! of it over these points
@@ -45,6 +47,7 @@ module hb_curve_course
    contains
       procedure :: begin => curve_course_begin
       procedure :: count_step => curve_course_count_step
+      procedure :: is_circling => curve_course_is_circling
       procedure :: status => curve_course_status
       procedure :: add_fold => curve_course_add_fold
       procedure :: add_step => curve_course_add_step
@@ -95,8 +98,29 @@ contains
 
       status = outcome%pending
       if (allocated(self%locked)) status = outcome%locked
-      if (self%n_unreliable >= max_unreliable .or. self%n_exhausted >= max_exhausted) status = outcome%out_of_budget
+      if (self%n_unreliable >= max_unreliable .or. self%n_exhausted >= max_exhausted .or. self%is_circling()) &
+         status = outcome%out_of_budget
    end function curve_course_status
+
+   !> Whether the last folds of the branch were passed near each other without being located: between kinks of a law that are
+   !> closer than any step the branch moves back and forth, or in a circle.
+   pure logical function curve_course_is_circling(self) result(is_circling)
+      class(curve_course_t), intent(in) :: self
+      integer :: i, n
+
+      n = 0
+      is_circling = .false.
+      if (.not. allocated(self%reported)) return
+      do i = size(self%reported), 1, -1
+         associate (fold => self%reported(i))
+            if (fold%response /= 0) cycle
+            if (abs(fold%sense) > 0.0_wp .or. self%reported(size(self%reported))%length - fold%length > max_span) return
+         end associate
+         n = n + 1
+         is_circling = n >= max_unlocated
+         if (is_circling) return
+      end do
+   end function curve_course_is_circling
 
    !> Adds a fold.
    subroutine curve_course_add_fold(self, x, level, length)

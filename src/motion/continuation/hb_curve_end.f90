@@ -3,7 +3,7 @@
 module hb_curve_end
    use hb_budget, only: is_spent
    use hb_curve, only: curve_t
-   use hb_curve_course, only: curve_course_t, max_exhausted, max_unreliable
+   use hb_curve_course, only: curve_course_t, max_exhausted, max_unlocated, max_unreliable
    use hb_curve_points, only: curve_point_t
    use hb_followed, only: followed_t
    use hb_harmonics, only: tuple_text
@@ -63,6 +63,10 @@ contains
          else if (course%n_exhausted >= max_exhausted) then
             text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &
                    " steps"//is_spent//", that of a point"
+         else if (course%is_circling()) then
+            text = "the curve is given up at the value "//to_text(value)//": the last "//to_text(max_unlocated)// &
+                   " folds that it passed were not located and are close to each other, as where it moves back and forth "// &
+                   "between kinks of a law; another order, or more samples, changes these"
          else if (course%n_unreliable >= max_unreliable) then
             text = "the curve is lost at the value "//to_text(value)//": the estimated errors of the last "// &
                    to_text(max_unreliable)//" points are "
