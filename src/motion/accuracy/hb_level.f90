@@ -10,6 +10,7 @@ module hb_level
    use hb_kinds, only: wp
    use hb_law, only: has_memory
    use hb_law_measure, only: law_measure_t
+   use hb_linear_part, only: linear_part_t                            ! likewise
    use hb_memory_estimate, only: check_memory, sizes_of
    use hb_motion_result, only: curve_position_t, motion_result_t
    use hb_options, only: options_t
