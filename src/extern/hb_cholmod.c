@@ -59,6 +59,7 @@ struct hb_cholmod_t {
    int *at;         /* the unknowns of short solutions, (n_at) */
    char *is_needed; /* supernodes that these need, (nsuper) */
    double *panel;   /* memory of solutions, (n, width) */
+   cholmod_dense *x, *y, *e; /* memory of solutions of one right side */
 };
 
 int hb_has_cholmod(void) { return 1; }
@@ -354,7 +355,27 @@ static void solve(hb_cholmod_t *self, int is_short, int n_columns, double *b)
    }
 }
 
-void hb_cholmod_solve(hb_cholmod_t *self, int n_columns, double *b) { solve(self, 0, n_columns, b); }
+/* A panel is as slow for one right side as for sixteen: it alone is solved by cholmod_solve2, four times as fast. */
+static int solve_one(hb_cholmod_t *self, double *b)
+{
+   cholmod_dense right;
+
+   memset(&right, 0, sizeof right);
+   right.nrow = right.nzmax = right.d = (size_t)self->n;
+   right.ncol = 1;
+   right.x = b;
+   right.xtype = CHOLMOD_REAL;
+   right.dtype = CHOLMOD_DOUBLE;
+   if (!cholmod_solve2(CHOLMOD_A, self->factor, &right, NULL, &self->x, NULL, &self->y, &self->e, &self->common)) return 0;
+   memcpy(b, self->x->x, (size_t)self->n * sizeof *b);
+   return 1;
+}
+
+void hb_cholmod_solve(hb_cholmod_t *self, int n_columns, double *b)
+{
+   if (n_columns == 1 && solve_one(self, b)) return;
+   solve(self, 0, n_columns, b);
+}
 
 void hb_cholmod_solve_at(hb_cholmod_t *self, int n_columns, double *b) { solve(self, 1, n_columns, b); }
 
@@ -370,6 +391,9 @@ void hb_cholmod_delete(hb_cholmod_t *self)
    free(self->at);
    free(self->is_needed);
    free(self->panel);
+   cholmod_free_dense(&self->x, &self->common);
+   cholmod_free_dense(&self->y, &self->common);
+   cholmod_free_dense(&self->e, &self->common);
    if (self->factor != NULL) cholmod_free_factor(&self->factor, &self->common);
    cholmod_finish(&self->common);
    free(self);

@@ -2,14 +2,15 @@
 module hb_integrable_system
    use hb_hysteretic_law, only: hysteretic_law_t
    use hb_integration_config, only: integration_method
+   use hb_integration_system, only: has_sparse_steps
    use hb_kinds, only: wp
    use hb_modes, only: fastest_frequency
-   use hb_structure, only: max_dense, max_dofs, structure_t
+   use hb_structure, only: max_dense, max_dofs, max_sparse_dofs, structure_t
    use hb_sundials, only: has_cvode
    use hb_system, only: system_t
    implicit none
    private
-   public :: fastest_of, fixed_step_method_of, has_bounds_of, is_stiff, lacks_mass
+   public :: fastest_of, fixed_step_method_of, has_bounds_of, is_stiff, lacks_mass, largest_integrable
 
 contains
 
@@ -53,6 +54,16 @@ contains
       end do
       is_stiff = rate*period > max_radians .and. rate > min_distance*highest
    end function is_stiff
+
+   !> Most degrees of freedom that a method integrates.
+   integer function largest_integrable(structure, method)
+      type(structure_t), intent(in) :: structure
+      integer, intent(in) :: method                                   !! an `integration_method`
+
+      largest_integrable = max_dofs
+      if (method /= integration_method%generalized_alpha) return
+      if (has_sparse_steps(structure)) largest_integrable = max_sparse_dofs
+   end function largest_integrable
 
    !> Whether cvode is available and supports the sliders of all laws.
    pure logical function has_bounds_of(system) result(has_bounds)

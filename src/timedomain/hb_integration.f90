@@ -3,6 +3,7 @@
 module hb_integration
    use hb_discretisation, only: discretisation_t
    use hb_error, only: annotate, error_t, fail
+   use hb_integrable_system, only: largest_integrable
    use hb_integration_config, only: integration_start, step_of
    use hb_integration_starts, only: motions_of, state_on_sphere
    use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
@@ -11,7 +12,7 @@ module hb_integration
    use hb_modes, only: modes_t, new_modes
    use hb_options, only: options_t
    use hb_record_tones, only: find_tones
-   use hb_structure, only: max_dense, max_dofs
+   use hb_structure, only: max_dense
    use hb_structure_load, only: find_timed_loads
    use hb_system, only: system_t
    use hb_text, only: to_text
@@ -69,7 +70,8 @@ contains
       call check_integration(system, options, error)
       if (.not. allocated(error)) call guess_frequencies(system, self%omega, error)
       if (allocated(error)) return
-      call system%structure%check_matrices("integration", max_dofs, error)
+      call system%structure%check_matrices("integration", largest_integrable(system%structure, options%integration%method), &
+                                           error)
       if (allocated(error)) return
       allocate (frequencies, source=discretisation%harmonics%frequencies(self%omega))
       call find_timed_loads(system%loads, system%structure, self%omega, timed)

@@ -40,6 +40,8 @@ module hb_integration_laws
       logical :: has_turning = .false.                                !! whether a law needs a phase
    contains
       procedure :: gather => laws_gather
+      procedure :: coordinates_of => laws_coordinates_of
+      procedure :: forces_of => laws_forces_of
       procedure :: start_step => laws_start_step
       procedure :: set_time => laws_set_time
       procedure :: evaluate => laws_evaluate
@@ -118,6 +120,35 @@ contains
          end associate
       end do
    end subroutine laws_gather
+
+   !> S^T q, coordinates of displacements or rates.
+   pure function laws_coordinates_of(self, q) result(z)
+      class(integration_laws_t), intent(in) :: self
+      real(wp), intent(in) :: q(:)                                    !! (n_dofs)
+      real(wp) :: z(self%n_coordinates)
+      integer :: i
+
+      do i = 1, size(self%spans)
+         associate (law => self%laws(i)%law, span => self%spans(i))
+            z(span%first:span%last) = matmul(q(law%dofs), law%shape)
+         end associate
+      end do
+   end function laws_coordinates_of
+
+   !> S f, forces on the structure of forces on the coordinates.
+   pure function laws_forces_of(self, f) result(forces)
+      class(integration_laws_t), intent(in) :: self
+      real(wp), intent(in) :: f(:)                                    !! [N], (n_coordinates)
+      real(wp) :: forces(size(self%shape, 1))                         !! [N], (n_dofs)
+      integer :: i
+
+      forces = 0.0_wp
+      do i = 1, size(self%spans)
+         associate (law => self%laws(i)%law, span => self%spans(i))
+            forces(law%dofs) = forces(law%dofs) + matmul(law%shape, f(span%first:span%last))
+         end associate
+      end do
+   end function laws_forces_of
 
    !> Sets the phase of laws that rotate with a tone. `evaluate` and `differentiate` do this themselves.
    pure subroutine laws_set_time(self, time)

@@ -22,7 +22,7 @@ contains
 
    !> The state of a start at time zero, sliders relaxed.
    subroutine state_on_sphere(system, omega, size_of_motion, number, state)
-      type(integration_system_t), intent(in) :: system
+      type(integration_system_t), intent(inout) :: system             !! its matrices are unpacked
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       real(wp), intent(in) :: size_of_motion                          !! at the coordinates of the laws [m]
       integer, intent(in) :: number                                   !! of the start on spheres, from 1
@@ -34,6 +34,7 @@ contains
       call new_integration_state(state, system%n_dofs, system%laws%n_states)
       right = reshape([(scattered(2*number*system%n_dofs + i), i=1, 2*system%n_dofs)], [system%n_dofs, 2])
       middle = sum(omega)/size(omega)
+      call system%structure%unpack()
       factor = system%structure%stiffness + middle**2*system%structure%mass
       call dpotrf("L", system%n_dofs, factor, system%n_dofs, info)
       if (info == 0) then

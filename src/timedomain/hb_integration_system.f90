@@ -3,6 +3,7 @@
 !> Laws and structure are those of the model; no series, transform or balance is used, so that time integration can
 !> verify them.
 module hb_integration_system
+   use hb_cholmod, only: has_cholmod
    use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_error, only: error_t, fail
    use hb_integration_laws, only: integration_laws_t, new_integration_laws
@@ -11,12 +12,13 @@ module hb_integration_system
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
    use hb_load_course, only: timed_load_t
+   use hb_sparse, only: sparse_sum, sparse_t, sparse_transpose
    use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    implicit none
    private
-   public :: integration_matrix_t, integration_state_t, integration_system_t, law_forces, new_integration_matrix, &
-      new_integration_state, new_integration_system
+   public :: has_sparse_steps, integration_matrix_t, integration_state_t, integration_system_t, law_forces, &
+      new_integration_matrix, new_integration_state, new_integration_system
 
    !> The state from which a time integration continues: everything on which the future motion depends.
    type :: integration_state_t
@@ -37,6 +39,10 @@ module hb_integration_system
    contains
       procedure :: subtract_product => matrix_subtract_product
    end type integration_matrix_t
+
+   interface new_integration_matrix
+      procedure :: from_dense, from_sparse
+   end interface new_integration_matrix
 
    type :: integration_system_t
       integer :: n_dofs = 0
@@ -60,7 +66,7 @@ module hb_integration_system
 
 contains
 
-   !> System from the parts of a model.
+   !> System from the parts of a model; the matrices of the structure remain as they are.
    subroutine new_integration_system(self, structure, laws, loads, omega, timed)
       type(integration_system_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -69,12 +75,12 @@ contains
       real(wp), intent(in) :: omega(:)                                !! base frequencies [rad/s]
       type(timed_load_t), intent(in), optional :: timed(:)            !! further loads
       type(coordinate_scales_t) :: scales
+      real(wp), allocatable :: damping(:), mass(:), stiffness(:)
       real(wp) :: highest                                             ! frequency of the loads [rad/s]
       integer :: i
 
       self%n_dofs = structure%n_dofs
       self%structure = structure
-      call self%structure%unpack()
       call new_integration_laws(self%laws, laws, structure%n_dofs, omega)
       call new_integration_loads(self%loads, loads%values, loads%frequencies(omega))
       if (present(timed)) call append_courses(self%loads, timed)
@@ -83,8 +89,9 @@ contains
          self%length = max(self%length, laws(i)%law%length_scale)
       end do
       highest = self%loads%highest_frequency()
+      call structure%diagonals(mass, damping, stiffness)
       do i = 1, structure%n_dofs
-         associate (k => abs(self%structure%stiffness(i, i)) + highest**2*self%structure%mass(i, i))
+         associate (k => abs(stiffness(i)) + highest**2*mass(i))
             if (k > 0.0_wp) self%response(i) = (sum(abs(loads%values(i, :))) + sum(abs(self%loads%amplitude(i, :))))/k
          end associate
       end do
@@ -132,6 +139,7 @@ contains
       integer :: info, n
 
       n = self%n_dofs
+      call self%structure%unpack()
       call self%structure%factorise_mass(factor, info)
       if (info /= 0) then
          call fail(error, "the mass matrix is singular at "//trim(self%structure%labels(info))// &
@@ -180,8 +188,32 @@ contains
       end do
    end subroutine system_accelerate
 
+   !> Whether generalized_alpha takes steps with sparse matrices, which must then be symmetric.
+   logical function has_sparse_steps(structure)
+      type(structure_t), intent(in) :: structure
+
+      has_sparse_steps = has_cholmod() .and. allocated(structure%sparse)
+      if (.not. has_sparse_steps) return
+      associate (matrices => structure%sparse)
+         has_sparse_steps = is_symmetric(matrices%mass) .and. is_symmetric(matrices%damping) .and. &
+                            is_symmetric(matrices%stiffness)
+      end associate
+   end function has_sparse_steps
+
+   !> Whether a matrix is symmetric but for rounding.
+   logical function is_symmetric(matrix)
+      type(sparse_t), intent(in) :: matrix
+      real(wp), parameter :: rounding = 1.0e-9_wp
+      type(sparse_t) :: difference
+
+      is_symmetric = .true.
+      if (matrix%n_entries() == 0) return
+      difference = sparse_sum(1.0_wp, matrix, -1.0_wp, sparse_transpose(matrix))
+      is_symmetric = maxval(abs(difference%value)) <= rounding*maxval(abs(matrix%value))
+   end function is_symmetric
+
    !> Stores a matrix; if few entries are nonzero, only these.
-   pure subroutine new_integration_matrix(self, entries)
+   pure subroutine from_dense(self, entries)
       type(integration_matrix_t), intent(out) :: self
       real(wp), intent(in) :: entries(:, :)                           !! (n, n)
       integer :: e, i, j
@@ -205,7 +237,21 @@ contains
          end do
       end do
       self%first(self%n + 1) = e + 1
-   end subroutine new_integration_matrix
+   end subroutine from_dense
+
+   !> Stores a square matrix that is sparse already.
+   subroutine from_sparse(self, matrix)
+      type(integration_matrix_t), intent(out) :: self
+      type(sparse_t), intent(in) :: matrix
+      type(sparse_t) :: by_columns
+
+      by_columns = sparse_transpose(matrix)
+      self%n = matrix%n_rows
+      self%is_sparse = .true.
+      self%first = by_columns%first
+      self%row = by_columns%column
+      self%value = by_columns%value
+   end subroutine from_sparse
 
    !> y = y - A x.
    pure subroutine matrix_subtract_product(self, x, y)
