@@ -106,7 +106,7 @@ contains
 
       n = self%n_periods
       if (n == 0) call find_scale(self, record)
-      n_samples = (size(record%time) - 1)/n_new
+      n_samples = (size(record%every_displacement, 1) - 1)/n_new
       stride = max(1, int(n_samples*minval(self%omega)/(min_instants*maxval(self%omega))))
       do while (modulo(n_samples, stride) /= 0)
          stride = stride - 1
@@ -119,8 +119,8 @@ contains
          first = (k - n - 1)*n_samples + 1
          last = first + n_samples
          allocate (rows, source=[(i, i=first, last, stride)])
-         allocate (t(size(rows)), source=record%time(rows))
-         allocate (x, source=with_coordinates(self, record%displacement(rows, :)))
+         allocate (t(size(rows)), source=record%start + (rows - 1)*record%step)
+         allocate (x, source=with_coordinates(self, record%every_displacement(rows, :)))
          allocate (waves(size(t), size(self%frequencies)))
          do h = 1, size(self%frequencies)
             waves(:, h) = cmplx(cos(self%frequencies(h)*t), sin(self%frequencies(h)*t), wp)
@@ -132,7 +132,7 @@ contains
          phases(:, k) = phase
          allocate (remainder, source=x - moved(waves, turned(self, phase)))
          largest(:, k) = maxval(abs(remainder), dim=1)/self%scale
-         allocate (beside, source=with_coordinates(self, other%displacement(rows, :)))
+         allocate (beside, source=with_coordinates(self, other%every_displacement(rows, :)))
          apart(k) = distance(self, waves, phase, beside - x)
          call store_period(self, k, t(:size(t) - 1), remainder(:size(t) - 1, self%n_dofs + 1:))
          deallocate (beside, phase, remainder, rows, t, waves, x)
@@ -336,7 +336,7 @@ contains
          motions = sum(abs(self%amplitudes(:, :n)), dim=1)
          do k = 1, n
             if (any(motions > 0.0_wp .and. units == units(k))) cycle
-            motions(k) = max(maxval(abs(record%displacement(:, k))), self%length, tiny(1.0_wp))
+            motions(k) = max(maxval(abs(record%every_displacement(:, k))), self%length, tiny(1.0_wp))
          end do
          self%scale(:n) = [(maxval(motions, mask=units == units(k)), k=1, n)]
          self%share(:n) = 1.0_wp

@@ -17,12 +17,13 @@ module hb_verification
    use hb_cancellation, only: cancellation_t
    use hb_claim, only: claim_t
    use hb_discretisation, only: discretisation_t
-   use hb_error, only: error_t
+   use hb_error, only: error_t, fail
    use hb_integrable_system, only: fastest_of, fixed_step_method_of, has_bounds_of, is_stiff, lacks_mass
    use hb_integrated_motion, only: find_steady_motion
    use hb_integration_config, only: integration_config_t, integration_method, step_of
    use hb_integration_difference, only: integration_difference_t, motion, new_integration_difference, series_t
-   use hb_integration_system, only: integration_state_t, integration_system_t, new_integration_state, new_integration_system
+   use hb_integration_system, only: has_sparse_steps, integration_state_t, integration_system_t, new_integration_state, &
+      new_integration_system
    use hb_integration_verdict, only: certain_growth, decide, growth_of, limit_of, min_growth, n_steady, verdict, verdict_t
    use hb_kinds, only: two_pi, wp
    use hb_model, only: model_t
@@ -32,7 +33,7 @@ module hb_verification
    use hb_outcome, only: outcome
    use hb_period_map, only: find_periodic_state, new_period_map, period_map_t, work_of_period_map
    use hb_steady_motion, only: steady_motion_t
-   use hb_structure, only: max_dofs
+   use hb_structure, only: max_dense, max_dofs, max_sparse_dofs, structure_t
    use hb_system, only: system_t
    use hb_text, only: to_text
    use hb_time_stepping, only: integrate_from, integration_record_t
@@ -63,6 +64,10 @@ module hb_verification
    integer, parameter :: max_matrices = 20                           ! work of shooting, in that of one matrix
    integer, parameter :: max_shooting_dofs = 50
    real(wp), parameter :: implicit_steps = 4000.0_wp                  ! in a period of the fastest tone: errors of 1e-6
+   real(wp), parameter :: error_of_implicit_steps = 1.0e-6_wp
+   real(wp), parameter :: share_of_steps = 0.01_wp                    ! of such steps in the limit, on sparse matrices
+   real(wp), parameter :: max_seconds = 1800.0_wp                     ! of a verification on sparse matrices, by its estimate
+   real(wp), parameter :: max_record = 2.0_wp**28                     ! bytes of a record on sparse matrices
 
    !> Length of a time integration, in periods of the slowest tone.
    type :: length_t
@@ -125,9 +130,9 @@ contains
       type(pair_t), target :: pair
 
       call claim%check(model%system%tones%n_tones, model%system%structure%n_dofs, error)
-      if (.not. allocated(error)) call model%system%structure%check_matrices("integration", max_dofs, error)
+      if (.not. allocated(error)) call model%system%structure%check_matrices("verification", largest_of(model%system), error)
+      if (.not. allocated(error)) call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods, error)
       if (allocated(error)) return
-      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
       if (claim%is_averaged) then
          model%options%integration%tolerance = pair%config%tolerance
          call verify_integrated(model%system, model%discretisation, model%options, pair%system, claim, pair%state, result, error)
@@ -166,8 +171,8 @@ contains
       type(verdict_t) :: finer
       real(wp) :: gain
 
-      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
-      if (pair%config%method == integration_method%cvode) return
+      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods, error)
+      if (allocated(error) .or. pair%config%method == integration_method%cvode) return
       pair%config%substeps = 2*pair%config%substeps
       call decide_pair(pair, claim, finer, error)
       if (allocated(error) .or. size(pair%distance) == 0) return
@@ -210,7 +215,8 @@ contains
 
       if (size(claim%omega) /= 1 .or. any(model%system%tones%is_unknown) .or. lacks_mass(model%system)) return
       if (model%system%structure%n_dofs > max_shooting_dofs) return
-      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods)
+      call begin_pair(pair, model%system, model%discretisation, model%options, claim, n_periods, error)
+      if (allocated(error)) return
       call new_motion_series(series, claim%tuples, claim%omega, transpose(claim%amplitudes))
       call new_period_map(map, pair%system, series, pair%config%restitution, shooting_tolerance, refused)
       if (allocated(refused)) return
@@ -239,14 +245,56 @@ contains
       end associate
    end subroutine place_neighbour
 
-   !> Sets one state on the motion and one beside it.
-   subroutine begin_pair(self, system, discretisation, options, claim, n_periods)
+   !> Most degrees of freedom of a verification. Explicit steps on the dense matrices of a large structure would not end.
+   integer function largest_of(system)
+      type(system_t), intent(in) :: system
+
+      largest_of = max_dofs
+      if (.not. allocated(system%structure%sparse)) return
+      largest_of = merge(max_sparse_dofs, max_dense, steps_are_sparse(system))
+   end function largest_of
+
+   !> Whether steps are taken with the sparse matrices of a large structure.
+   logical function steps_are_sparse(system)
+      type(system_t), intent(in) :: system
+      integer :: i
+
+      steps_are_sparse = has_sparse_steps(system%structure) .and. &
+                         .not. any([(system%laws(i)%law%is_multiplier, i=1, size(system%laws))])
+   end function steps_are_sparse
+
+   !> Fails if the time integrations on sparse matrices would take too long by an estimate, before any work.
+   subroutine check_work(structure, length, substeps, n_coordinates, error)
+      type(structure_t), intent(in) :: structure                      !! sparse
+      type(length_t), intent(in) :: length
+      integer, intent(in) :: substeps, n_coordinates
+      type(error_t), allocatable, intent(out) :: error
+      real(wp), parameter :: operations_per_entry = 20.0_wp           ! of the stiffness, in a step: products, two solutions
+      real(wp), parameter :: operations_per_pair = 60.0_wp            ! of coordinates, in a step: derivatives, the tangent
+      real(wp), parameter :: operations_per_second = 1.0e9_wp
+      real(wp) :: seconds_of_period
+      integer :: n_steps
+
+      n_steps = length%n_samples*substeps
+      seconds_of_period = 2.0_wp*n_steps*(operations_per_entry*structure%sparse%stiffness%n_entries() + &
+                                          operations_per_pair*real(n_coordinates, wp)**2)/operations_per_second
+      if (length%bound*seconds_of_period <= max_seconds) return
+      call fail(error, "verification would take about "//to_text(ceiling(length%bound*seconds_of_period/60.0_wp))//" min: "// &
+                to_text(length%bound)//" periods of "//to_text(n_steps)//" steps for "//to_text(structure%n_dofs)// &
+                " degrees of freedom and "//to_text(n_coordinates)//" coordinates of laws; half an hour suffices for "// &
+                to_text(int(max_seconds/seconds_of_period))//" periods, at least "//to_text(length%fewest)// &
+                " are a verification: give their number, or verify the motion of a reduced model (nhbm-model reduce)")
+   end subroutine check_work
+
+   !> Sets one state on the motion and one beside it; fails if the time integrations would not end in time.
+   subroutine begin_pair(self, system, discretisation, options, claim, n_periods, error)
       type(pair_t), intent(inout), target :: self
       type(system_t), intent(in) :: system
       type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
       type(claim_t), intent(in) :: claim
       integer, intent(in) :: n_periods
+      type(error_t), allocatable, intent(out) :: error
       real(wp) :: frequencies(size(claim%tuples, 2)), length, step, tuples(size(claim%tuples, 1), size(claim%tuples, 2))
       integer :: i
       logical :: is_implicit
@@ -258,15 +306,25 @@ contains
          length = equations%length
          call choose_length(self%length, system, options, claim, n_periods)
          step = self%length%period/self%length%n_samples
+         self%estimate = options%error_estimate%truncation
+         if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
+         self%config = options%integration
+         self%config%transient = 0.0_wp
+         self%config%decimation = huge(1)                             ! the record has displacements alone
+         if (steps_are_sparse(system)) then
+            self%config%method = integration_method%generalized_alpha
+            self%config%substeps = ceiling(step*maxval(omega)/two_pi*implicit_steps* &
+               min(1.0_wp, sqrt(error_of_implicit_steps/(share_of_steps*limit_of(self%estimate, 1.0_wp)))))
+            call check_work(system%structure, self%length, self%config%substeps, equations%laws%n_coordinates, error)
+            if (allocated(error)) return
+         else
+            self%config%tolerance = min(self%config%tolerance, integration_tolerance)
+         end if
          self%scale = sum(abs(amplitudes), dim=1)
          self%scale = [(maxval(self%scale, mask=system%structure%units == system%structure%units(i)), i=1, size(self%scale))]
          where (self%scale <= 0.0_wp) self%scale = max(length, start_distance)
          equations%length = min(length, maxval(self%scale))           ! errors of time integration: a law's length may be far larger
          self%speed = self%scale*max(leading_of(amplitudes, frequencies), minval(omega))
-         self%config = options%integration
-         self%config%transient = 0.0_wp
-         self%config%decimation = 1
-         self%config%tolerance = min(self%config%tolerance, integration_tolerance)
          is_implicit = self%config%method == integration_method%cvode
          if (is_implicit) is_implicit = lacks_mass(system) .or. is_stiff(system, self%length%period, maxval(abs(frequencies)))
          if (is_implicit) then
@@ -286,8 +344,6 @@ contains
          call new_integration_difference(self%difference, series_t(amplitudes, claim%tuples, omega, system%tones%is_unknown), &
                                          equations%laws%shape, system%structure%units, max(length, start_distance), &
                                          n_steady(self%length%most, self%length%fewest))
-         self%estimate = options%error_estimate%truncation
-         if (ieee_is_finite(claim%estimate)) self%estimate = claim%estimate
          self%share = velocity_share(amplitudes, frequencies)
          self%may_recover = .not. claim%is_unstable
          self%expected = self%estimate
@@ -307,6 +363,8 @@ contains
 
       associate (length => self%length, difference => self%difference)
          n_new = min(max(periods_at_once, difference%n_periods/4), length%bound - difference%n_periods)
+         if (allocated(self%system%structure%sparse)) &
+            n_new = max(1, min(n_new, int(max_record/(24.0_wp*length%n_samples*self%system%n_dofs))))
          if (self%is_ending) n_new = 1
          self%config%duration = n_new*length%period
          before = [self%state, self%other]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import h5py
+import nhbm
 import numpy as np
 import pytest
 from nhbm.command import main as nhbm_model
@@ -37,17 +38,22 @@ REDUCED = SLIDERS.format(places="dof = 'joint.x',", normal="normal_dofs = 'joint
 def joint(tmp_path_factory) -> Path:
     """A folder with the whole model parts.h5, 2,916 degrees of freedom with 63 pairs of nodes, and small.h5."""
     folder = tmp_path_factory.mktemp("joint")
+    assemble_joint(folder, BAR)
+    words = ["reduce", str(folder / "parts.h5"), "--keep", "joint.x,joint.y,joint.z,upper_shaker.x", "--modes", "40"]
+    assert nhbm_model([*words, "--up-to", "60000", "--no-error", "--output", str(folder / "small.h5")]) == 0
+    return folder
+
+
+def assemble_joint(folder: Path, bar: list[str]) -> None:
+    """Makes parts.h5, two bars that overlap."""
     path = lambda name: str(folder / name)  # noqa: E731
-    words = ["solid", *BAR, "--clamped", "left", "--node-set", "bolt=0.1,0.015,0", "--output", path("lower.h5")]
+    words = ["solid", *bar, "--clamped", "left", "--node-set", "bolt=0.1,0.015,0", "--output", path("lower.h5")]
     assert nhbm_model(words) == 0
-    words = ["solid", *BAR, "--clamped", "right", "--node-set", "bolt=0.02,0.015,0.01", "--node-set", "shaker=0,0.015,0.01"]
+    words = ["solid", *bar, "--clamped", "right", "--node-set", "bolt=0.02,0.015,0.01", "--node-set", "shaker=0,0.015,0.01"]
     assert nhbm_model([*words, "--output", path("upper.h5")]) == 0
     words = ["assemble", "lower=" + path("lower.h5"), "upper=" + path("upper.h5"), "--at", "upper=0.08,0,0.01"]
     words += ["--pair", "joint=lower_top,upper_bottom", "--partial", "--load", "bolt=lower_bolt.z:1,upper_bolt.z:-1"]
     assert nhbm_model([*words, "--output", path("parts.h5")]) == 0
-    words = ["reduce", path("parts.h5"), "--keep", "joint.x,joint.y,joint.z,upper_shaker.x", "--modes", "40", "--up-to", "60000"]
-    assert nhbm_model([*words, "--no-error", "--output", path("small.h5")]) == 0
-    return folder
 
 
 def shaken(result: Path, other: Path) -> np.ndarray:
@@ -153,6 +159,34 @@ def test_error_estimate_in_many_harmonics(joint):
     assert np.isfinite(read(result, "truncation_estimate")).all()
     coarse = solve(REST.format(file="parts.h5", load=1400.0) + WHOLE, joint, name="few_harmonics", status=None)
     assert read(result, "truncation_estimate")[0] < 0.5 * read(coarse, "truncation_estimate")[0]
+
+
+SMALL_BAR = "--length 0.12 --width 0.03 --height 0.01 --n-x 6 --n-y 2 --n-z 1 --overwrite".split()
+
+
+def test_verification_of_a_whole_model(tmp_path):
+    """A joint of 25 pairs, 1,080 degrees of freedom, in steps with its sparse matrices."""
+    assemble_joint(tmp_path, SMALL_BAR)
+    text = REST.replace("order = 5", "order = 3").format(file="parts.h5", load=1400.0) + WHOLE
+    result = solve(text + "\n&stability method = 'off' /\n", tmp_path, name="verified", status=None)
+    found = run("verify", result, "--periods", "2", cwd=tmp_path)
+    assert read(result, "integration_verdict").tolist() == [1], found.stdout + found.stderr
+    assert read(result, "integration_difference")[0] < 1e-3
+
+
+def test_verification_that_would_not_end_is_rejected(joint):
+    text = quick(700.0)
+    result = solve(text, joint, name="not_verified", status=None)
+    begun = seconds_of_children()
+    found = run("verify", result, "--periods", "10000", cwd=joint)
+    assert seconds_of_children() - begun < 5.0
+    assert found.status != 0
+    assert "nhbm-model reduce" in found.stderr
+    (joint / "session.nml").write_text(text)
+    model = nhbm.Model.from_file(joint / "session.nml")
+    motion = model.solve()
+    with pytest.raises(nhbm.ModelError, match="nhbm-model reduce"):
+        model.verify(motion, periods=10000)
 
 
 @pytest.mark.long
