@@ -355,7 +355,7 @@ static void solve(hb_cholmod_t *self, int is_short, int n_columns, double *b)
    }
 }
 
-/* A panel is as slow for one right side as for sixteen: it alone is solved by cholmod_solve2, four times as fast. */
+/* A panel is as slow for one right side as for sixteen: one alone is solved by cholmod_solve2. */
 static int solve_one(hb_cholmod_t *self, double *b)
 {
    cholmod_dense right;
