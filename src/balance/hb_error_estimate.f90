@@ -234,12 +234,12 @@ contains
       type(error_t), allocatable, intent(out) :: error
       class(bordered_problem_t), intent(inout), optional, target :: bordered
       type(tangent_solver_t), target :: tangent
-      type(wide_problem_t) :: whole
+      type(wide_problem_t), target :: whole
       type(law_measure_t) :: measure
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      logical :: is_free, is_lost
+      logical :: is_free, is_lost, is_rigid, needs_search
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
@@ -264,11 +264,14 @@ contains
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return
       self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
-      call whole%find_two_steps(big, r, acts_rigidly(balance, wide, is_free), first, second, is_lost)
+      is_rigid = acts_rigidly(balance, wide, is_free)
+      call whole%find_two_steps(big, r, is_rigid, first, second, is_lost)
       if (is_lost) return
-      if (.not. present(bordered) .and. whole%growth > max_growth .and. &
-          whole%growth*measure%norm(reshape(first, shape(big))) > rounding_level*size_of_motion) then
-         call find_along_weak_direction(whole, problem, tangent, big, size_of_motion, first, second, is_lost)
+      if (.not. (present(bordered) .or. is_rigid) .and. whole%growth > max_growth) then
+         associate (length => measure%norm(reshape(first(:size(big)), shape(big)))/size_of_motion)
+            needs_search = length <= self%wanted%acceptable .and. whole%growth*length > rounding_level
+         end associate
+         if (needs_search) call find_along_weak_direction(whole, problem, tangent, big, size_of_motion, first, second, is_lost)
          if (is_lost) return
       end if
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
@@ -278,7 +281,7 @@ contains
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
       ! an error above `small_share` is too large for one linear step
-      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > small_share)) &
+      if (is_rigid .or. (is_free .and. self%truncation > small_share)) &
          call compare_with_half(self, balance, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
@@ -291,7 +294,7 @@ contains
    subroutine find_along_weak_direction(whole, problem, tangent, motion, size_of_motion, first, second, is_lost)
       type(wide_problem_t), intent(in) :: whole
       class(problem_t), intent(inout) :: problem
-      type(tangent_solver_t), intent(inout) :: tangent                !! of `problem`
+      type(tangent_solver_t), intent(inout), target :: tangent        !! of `problem`
       real(wp), intent(in) :: motion(:, :)                            !! in the wider set [m]
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp), intent(inout) :: first(:), second(:)                  !! (n_unknowns)

@@ -8,10 +8,11 @@ module hb_estimated_errors
    private
    public :: error_estimate_t, wanted_motions_t
 
-   !> Requested motions beside the estimates.
+   !> Requested motions beside the estimates, and what the estimates decide.
    type :: wanted_motions_t
       integer :: improvement_steps = 0                                !! towards the motion in the wider set; 0: none
       logical :: refined = .false.                                    !! `refined` of an error estimate, also with several tones
+      real(wp) :: acceptable = huge(1.0_wp)                           !! estimate up to which the motion is accepted
    end type wanted_motions_t
 
    type :: error_estimate_t

@@ -62,7 +62,7 @@ contains
                    tuple_text(course%locked)//" vanishes: beyond it the motion is periodic"
          else if (course%n_exhausted >= max_exhausted) then
             text = "the curve is given up at the value "//to_text(value)//": each of the last "//to_text(max_exhausted)// &
-                   " steps"//is_spent//", that of a point"
+                   " steps"//is_spent//", that of a point: accuracy%max_work and solver%max_fallback_work"
          else if (course%is_circling()) then
             text = "the curve is given up at the value "//to_text(value)//": the last "//to_text(max_unlocated)// &
                    " folds that it passed were not located and are close to each other, as where it moves back and forth "// &

@@ -374,6 +374,8 @@ contains
          any([(system%laws(i)%law%n_switches + system%laws(i)%law%n_states > 0, i=1, size(system%laws))])
       if (allocated(options%accuracy%outputs)) wanted%refined = wanted%refined .or. size(options%accuracy%outputs) > 0
       wanted%improvement_steps = options%error_estimate%improvement_steps
+      wanted%acceptable = options%error_estimate%truncation
+      if (options%accuracy%is_on) wanted%acceptable = options%accuracy%tolerance
       if (associated(solution%problem)) then
          call estimate_error(result%error_estimate, system%structure, &
                              system%loads_in(solution%basis%harmonics), solution%balance, solution%u, wanted, error, &
