@@ -223,8 +223,9 @@ contains
       integer, allocatable :: dofs(:)
       integer :: i, k, n_links
 
-      n_links = size(self%dofs)/2
       allocate (dofs(0))
+      if (.not. (allocated(self%dofs) .and. allocated(structure%parts))) return ! the input has problems
+      n_links = size(self%dofs)/2
       do i = 1, n_links
          if (.not. (is_used(self%dofs(i)) .and. is_used(self%dofs(n_links + i)))) cycle
          do k = 1, size(structure%parts)

@@ -164,8 +164,7 @@ contains
       if (allocated(self%phase_dofs)) dofs = self%phase_dofs
       if (self%normal_mode%is_requested .and. .not. self%normal_mode%has_energy) dofs = [dofs, self%normal_mode%dof]
       if (allocated(self%kept_dofs)) dofs = [dofs, self%kept_dofs]
-      if (.not. allocated(self%elements)) return
-      if (size(self%elements) == 0) return
+      if (.not. (allocated(self%elements) .and. self%structure%depends_on_tuple())) return
       is_used = spread(.false., 1, self%structure%n_dofs)
       is_used(dofs) = .true.
       do i = 1, size(self%laws)
