@@ -239,7 +239,7 @@ contains
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), first(:), r(:), second(:), x(:)
       real(wp) :: size_of_motion
-      logical :: is_free, is_lost, is_rigid, needs_search
+      logical :: is_free, is_lost, is_smooth, needs_search
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
@@ -264,14 +264,15 @@ contains
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return
       self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
-      is_rigid = acts_rigidly(balance, wide, is_free)
-      call whole%find_two_steps(big, r, is_rigid, first, second, is_lost)
+      call whole%find_two_steps(big, r, acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
-      if (.not. (present(bordered) .or. is_rigid) .and. whole%growth > max_growth) then
-         associate (length => measure%norm(reshape(first(:size(big)), shape(big)))/size_of_motion)
+      is_smooth = .not. (acts_rigidly(balance, wide, is_free) .or. has_multipliers(balance))
+      if (is_smooth .and. .not. present(bordered) .and. whole%growth > max_growth) then
+         associate (length => norm2([norm_of(first), norm_of(second)])/size_of_motion)
             needs_search = length <= self%wanted%acceptable .and. whole%growth*length > rounding_level
          end associate
-         if (needs_search) call find_along_weak_direction(whole, problem, tangent, big, size_of_motion, first, second, is_lost)
+         if (needs_search) &
+            call find_along_weak_direction(whole, problem, tangent, measure, big, size_of_motion, first, second, is_lost)
          if (is_lost) return
       end if
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
@@ -281,33 +282,56 @@ contains
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
       ! an error above `small_share` is too large for one linear step
-      if (is_rigid .or. (is_free .and. self%truncation > small_share)) &
+      if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > small_share)) &
          call compare_with_half(self, balance, problem, x, size(u), size_of_motion)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
       call whole%improve(self%wanted%improvement_steps, big)
       self%improved = wide%at_law_dofs(big)
+
+   contains
+
+      pure real(wp) function norm_of(step)
+         real(wp), intent(in) :: step(:)
+
+         norm_of = measure%norm(reshape(step(:size(big)), shape(big)))
+      end function norm_of
    end subroutine estimate_errors
 
-   !> Replaces two steps by the one to the motion in the wider set that is reached along the weakest direction of the tangent;
-   !> `is_lost` if there is none within the size of the motion.
-   subroutine find_along_weak_direction(whole, problem, tangent, motion, size_of_motion, first, second, is_lost)
+   !> Replaces two steps by the one to the motion in the wider set that is reached along the weakest direction of the tangent, if
+   !> this is clearly longer or shorter; `is_lost` if there is none within the size of the motion.
+   subroutine find_along_weak_direction(whole, problem, tangent, measure, motion, size_of_motion, first, second, is_lost)
       type(wide_problem_t), intent(in) :: whole
       class(problem_t), intent(inout) :: problem
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `problem`
+      type(law_measure_t), intent(in) :: measure
       real(wp), intent(in) :: motion(:, :)                            !! in the wider set [m]
       real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp), intent(inout) :: first(:), second(:)                  !! (n_unknowns)
       logical, intent(out) :: is_lost
       type(weak_direction_t) :: weak
+      real(wp), parameter :: similar = 1.5_wp                         ! ratio of lengths up to which linear steps show the error
+      real(wp) :: found(size(first)), linear
       logical :: is_possible
 
       is_lost = .false.
       call weak%border_by(whole, problem, tangent, is_possible)
       if (.not. is_possible) return
-      call weak%find_motion(motion, size_of_motion, first, is_possible)
+      call weak%find_motion(motion, size_of_motion, found, is_possible)
       is_lost = .not. is_possible
+      if (is_lost) return
+      linear = length_of(first + second)
+      if (length_of(found) <= similar*linear .and. linear <= similar*length_of(found)) return
+      first = found
       second = 0.0_wp
+
+   contains
+
+      pure real(wp) function length_of(step)
+         real(wp), intent(in) :: step(:)
+
+         length_of = measure%norm(reshape(step(:size(motion)), shape(motion)))
+      end function length_of
    end subroutine find_along_weak_direction
 
    !> The problem that a motion solves, its unknowns, and its tangent slightly later than the motion; `is_lost` if that is singular.
