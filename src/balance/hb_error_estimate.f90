@@ -271,8 +271,7 @@ contains
          associate (length => norm2([norm_of(first), norm_of(second)])/size_of_motion)
             needs_search = length <= self%wanted%acceptable .and. whole%growth*length > rounding_level
          end associate
-         if (needs_search) &
-            call find_along_weak_direction(whole, problem, tangent, measure, big, size_of_motion, first, second, is_lost)
+         if (needs_search) call find_along_weak_direction(whole, problem, tangent, measure, big, first, second, is_lost)
          if (is_lost) return
       end if
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
@@ -300,13 +299,12 @@ contains
 
    !> Replaces two steps by the one to the motion in the wider set that is reached along the weakest direction of the tangent, if
    !> this is clearly longer or shorter; `is_lost` if there is none within the size of the motion.
-   subroutine find_along_weak_direction(whole, problem, tangent, measure, motion, size_of_motion, first, second, is_lost)
+   subroutine find_along_weak_direction(whole, problem, tangent, measure, motion, first, second, is_lost)
       type(wide_problem_t), intent(in) :: whole
-      class(problem_t), intent(inout) :: problem
+      class(problem_t), intent(inout), target :: problem
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `problem`
       type(law_measure_t), intent(in) :: measure
       real(wp), intent(in) :: motion(:, :)                            !! in the wider set [m]
-      real(wp), intent(in) :: size_of_motion                          !! [m]
       real(wp), intent(inout) :: first(:), second(:)                  !! (n_unknowns)
       logical, intent(out) :: is_lost
       type(weak_direction_t) :: weak
@@ -317,7 +315,7 @@ contains
       is_lost = .false.
       call weak%border_by(whole, problem, tangent, is_possible)
       if (.not. is_possible) return
-      call weak%find_motion(motion, size_of_motion, found, is_possible)
+      call weak%find_motion(motion, measure%norm(motion), found, is_possible)
       is_lost = .not. is_possible
       if (is_lost) return
       linear = length_of(first + second)

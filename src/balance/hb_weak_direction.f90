@@ -35,7 +35,7 @@ contains
    subroutine weak_direction_border_by(self, whole, problem, tangent, is_possible)
       class(weak_direction_t), intent(inout) :: self
       type(wide_problem_t), intent(in) :: whole                       !! without parameters
-      class(problem_t), intent(inout) :: problem                      !! that the motion solves
+      class(problem_t), intent(inout), target :: problem              !! that the motion solves
       type(tangent_solver_t), intent(inout), target :: tangent        !! its tangent
       logical, intent(out) :: is_possible
       integer, parameter :: n_rounds = 2

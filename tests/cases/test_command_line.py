@@ -35,7 +35,7 @@ VAN_DER_POL = """&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping =
 def test_version_is_an_option_too(tmp_path):
     assert run("--version", cwd=tmp_path) == run("version", cwd=tmp_path)
     told = run("version", cwd=tmp_path).stdout
-    assert re.search(r"^built as \w+ by GNU Fortran \d+\.", told, re.M) and re.search(r"^with MPI \d.*, HDF5 1\.\d", told, re.M)
+    assert re.search(r"^built as \w+ by GNU Fortran \d+\.", told, re.M) and re.search(r"^with MPI \d.*, HDF5 \d+\.\d", told, re.M)
     assert run("solve", "--version", cwd=tmp_path).stdout.startswith("nhbm ")
 
 
