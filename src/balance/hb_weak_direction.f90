@@ -1,11 +1,11 @@
 !> The motion of a wider set near a motion whose tangent is almost singular, as at the tip of a resonance curve, where a residual
-!> moves it far along one direction and linear steps do not show how far. The balance R(u) of the wider set is bordered by the singular
-!> vectors w, v of the smallest singular value of the motion's own tangent,
+!> moves it far along one direction and linear steps do not show how far. The balance R(u) of the wider set is bordered by the
+!> singular vectors w, v of the smallest singular value of the motion's own tangent,
 !>
 !>     R(u) + mu w = 0,   v.(u - u0) = xi,
 !>
-!> which is regular: mu(xi) is the amount by which the balance is missed at a distance xi along v. Its zero next to xi = 0 is the motion
-!> of the wider set; without a zero there is none nearby. Source: Lyapunov-Schmidt reduction; docs/why/theory.md, section 7.
+!> which is regular: mu(xi) is the amount by which the balance is missed at a distance xi along v. Its zero next to xi = 0 is the
+!> motion of the wider set; without a zero there is none nearby. Source: Lyapunov-Schmidt reduction; docs/why/theory.md, section 7.
 module hb_weak_direction
    use hb_kinds, only: wp
    use hb_problem, only: problem_t

@@ -32,8 +32,8 @@ module hb_wide_problem
       integer, allocatable :: positions(:)                            !! positions of the retained unknowns among all
       logical :: is_lost = .false.                                    !! the tangent of `narrow` gave no step
       real(wp) :: accuracy = step_accuracy                            !! of steps
-      real(wp) :: growth = 0.0_wp                                     !! step in blocks after a coupled step, relative to that: above
-                                                                      !! 1 the tangent of `narrow` is almost singular
+      real(wp) :: growth = 0.0_wp                                     !! step in blocks after a coupled step, relative to that:
+                                                                      !! above 1 the tangent of `narrow` is almost singular
       type(tangent_krylov_t), allocatable, private :: krylov          ! of the wide balance, where this gives the steps
    contains
       procedure :: find_two_steps => wide_problem_find_two_steps

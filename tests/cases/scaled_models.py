@@ -93,8 +93,9 @@ def van_der_pol(i, c, length):
 
 def coil(i, j, b):
     """The force b x_i**2 x_j of a current j, and the voltage -b x_i**2 v_i."""
-    return lambda u: (f"&law type='polynomial_coupled', dofs='x{i + 1}', 'x{j + 1}', coefficients={b * u.force(i, [i, i, j]):.17g}, "
-                      f"{-b * u.force(j, [i, i], [i]):.17g}, acts_on='x{i + 1}', 'x{j + 1}', "
+    return lambda u: (f"&law type='polynomial_coupled', dofs='x{i + 1}', 'x{j + 1}', "
+                      f"coefficients={b * u.force(i, [i, i, j]):.17g}, {-b * u.force(j, [i, i], [i]):.17g}, "
+                      f"acts_on='x{i + 1}', 'x{j + 1}', "
                       "displacement_exponents=2, 1, 2, 0, velocity_exponents=0, 0, 1, 0 /")
 
 

@@ -121,7 +121,11 @@ def shrouded(kind, n=8, order=3, frequency=1.05, load=0.3, **keys):
 
 @pytest.mark.parametrize(
     ("kind", "keys"),
-    [("elastic_stop", {"gap": 0.1, "stiffness": 3.0}), ("jenkins", {"stiffness": 2.0, "limit": 0.1}), ("cubic_spring", {"stiffness": 4.0})],
+    [
+        ("elastic_stop", {"gap": 0.1, "stiffness": 3.0}),
+        ("jenkins", {"stiffness": 2.0, "limit": 0.1}),
+        ("cubic_spring", {"stiffness": 4.0}),
+    ],
 )
 def test_laws_between_neighbours_as_on_the_whole_wheel(kind, keys):
     wheel, one = shrouded(kind, **keys)

@@ -31,8 +31,8 @@ contains
    end function grid_share
 
    !> Whether nothing in a model depends on the base itself: laws that take phases or base frequencies do, and so do sectors,
-   !> unknown tones and requests for single harmonics. Rigid laws hold at the samples alone, so that their errors depend on the grid more
-   !> than those of others do.
+   !> unknown tones and requests for single harmonics. Rigid laws hold at the samples alone, so that their errors depend on the
+   !> grid more than those of others do.
    pure logical function may_change_base(system, options) result(may_change)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
