@@ -40,6 +40,7 @@ module hb_hdf5
    !> An open file. Results are in its root group, models in groups of their own.
    type, extends(h5_object_t) :: h5_file_t
       logical, private :: is_protected = .false.         ! until it is closed
+      logical, private :: is_shared = .false.            ! open on several ranks
    contains
       procedure :: abandon => file_abandon
       procedure :: add => file_add
@@ -116,6 +117,7 @@ contains
       integer :: ignored, status
 
       self%location = "file '"//path//"'"
+      self%is_shared = present(comm)
       call start_library(error)
       if (.not. allocated(error)) then
          call h5pcreate_f(H5P_FILE_ACCESS_F, access, status)
@@ -150,7 +152,8 @@ contains
       call check(status, "flush", error, self%location)
    end subroutine file_flush
 
-   !> Closes the file with all its datasets; safe to call twice. Does not replace an earlier error.
+   !> Closes the file with all its datasets; safe to call twice. Does not replace an earlier error. A file that cannot be
+   !> written stays open: HDF5 2 ends the process by an assertion when it closes one.
    subroutine file_close(self, error)
       class(h5_file_t), intent(inout) :: self
       type(error_t), allocatable, intent(inout) :: error
@@ -158,10 +161,13 @@ contains
       integer :: status
 
       if (self%id == no_id) return
-      call h5fclose_f(self%id, status)
-      call check(status, "close", own, self%location)
+      if (.not. self%is_shared) call self%flush(own)                ! of several ranks, each would wait for the others
+      if (.not. allocated(own)) then
+         call h5fclose_f(self%id, status)
+         call check(status, "close", own, self%location)
+      end if
+      if (allocated(own)) is_library_sound = .false.
       if (.not. allocated(error)) call move_alloc(own, error)
-      if (status < 0) is_library_sound = .false.
       self%id = no_id
       if (self%is_protected) call remove_crash_handler()
       self%is_protected = .false.

@@ -114,10 +114,10 @@ def finish(process):
 
 
 def ranks_of(process):
-    """Processes of a run: the children of mpirun."""
+    """Processes of a run: the children of mpirun, whose threads start them in Open MPI 6."""
     if process.poll() is not None:
         return []
-    return [int(word) for word in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
+    return sorted(int(word) for file in Path(f"/proc/{process.pid}/task").glob("*/children") for word in file.read_text().split())
 
 
 def kill_one(process):

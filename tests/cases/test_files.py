@@ -243,7 +243,7 @@ def under_limit(megabytes, words, cwd):
 def test_too_little_address_space_is_reported(megabytes, threads, folder):
     """OpenBLAS requests its memory repeatedly, without an end; so do its threads, for which it waits when the process ends."""
     with_threads = ["/usr/bin/env", f"OPENBLAS_NUM_THREADS={threads}", f"NHBM_BLAS_THREADS={threads}"]
-    if under_limit(megabytes, command("version"), folder).returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+    if under_limit(megabytes, command("version"), folder).returncode != 0:
         pytest.skip("this OpenBLAS requests its memory while it is loaded, before the program begins")
     done = under_limit(megabytes, [*with_threads, *command("solve", "case.nml")], folder)
     if "AddressSanitizer" in done.stderr:

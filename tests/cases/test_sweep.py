@@ -14,6 +14,7 @@ import xarray
 from nhbm_post.reader import Results
 from nhbm_post.report import info
 
+from ended_runs import ranks_of
 from program import ALL_CONVERGED, BAD_INPUT, NOT_ALL_CONVERGED, command, environment, read, run, solve
 
 CONVERGED, OUT_OF_BUDGET, NOT_FINITE, FAILED = 1, 3, 5, 6
@@ -489,7 +490,7 @@ def kill(process, ranks):
     """Kills a run, or one rank of it: mpirun then ends the others."""
     victim = process.pid
     if ranks is not None:
-        victim = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[-1])
+        victim = ranks_of(process)[-1]
     os.kill(victim, signal.SIGKILL)
 
 
