@@ -70,7 +70,7 @@ def test_logs_are_written_while_the_run_goes_on(tmp_path):
     assert (tmp_path / "out").read_text().startswith("nhbm solve ")
 
 
-POINT_OF_SECONDS = BEAM.format(order=14, samples=60, augmentation=1.0e3)
+POINT_OF_SECONDS = BEAM.format(order=20, samples=84, augmentation=1.0e3)
 DENSE = ("--set", "solver%method='newton'", "--set", "solver%fallback=.false.", "--set", "solver%tolerance=1e-30")
 DENSE += ("--set", "solver%max_iterations=40", "--set", "solver%line_search=.false.")
 
