@@ -96,13 +96,13 @@ contains
 
       call MPI_Initialized(is_started)
       if (is_started .or. .not. is_launched()) return
-      ! OMPIO opens an unused shared file pointer through a semaphore of the machine with the name of the file, and a
-      ! leftover one would hang the run, or through files beside it, which a killed run would leave. ROMIO opens none before
-      ! it is used; Open MPI has none from version 6 on, where OMPIO does without the pointer if it finds no kind of them.
+      ! OMPIO opens an unused shared file pointer, by default through a semaphore of the machine with the name of the file: a
+      ! leftover one would hang the run. ROMIO opens none before it is used; Open MPI has none from version 6 on, and there
+      ! the pointer is made of files beside the result, which a killed run leaves.
       if (has_romio()) then
          call hb_set_default("OMPI_MCA_io"//c_null_char, "^ompio"//c_null_char)
       else
-         call hb_set_default("OMPI_MCA_sharedfp"//c_null_char, "^sm,lockedfile,individual"//c_null_char)
+         call hb_set_default("OMPI_MCA_sharedfp"//c_null_char, "individual"//c_null_char)
       end if
       call hb_set_default("HOME"//c_null_char, "/"//c_null_char)       ! without one, Open MPI 5 ends the process
       call ieee_get_status(floating_point)

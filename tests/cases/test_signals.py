@@ -281,7 +281,8 @@ def disturb(folder, whole, disturbance, seed):
     done = run("solve", source, "--resume", "--quiet", cwd=folder, ranks=2)
     assert done.status == ALL_CONVERGED, f"seed {seed}: {done.stderr}"
     assert_same(result, whole)
-    assert sorted(p.name for p in folder.iterdir()) == ["case.h5", "case.nml"]
+    names = {p.name for p in folder.iterdir() if not re.fullmatch(r"case\.h5\.(meta)?data\.\d+", p.name)}  # of Open MPI 6
+    assert names == {"case.h5", "case.nml"}
     for path in (source, result):
         path.unlink()
     return hits
