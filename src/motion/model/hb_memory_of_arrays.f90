@@ -117,6 +117,7 @@ contains
       easy = 8.0_wp**3*unit_work                                      ! multiplications, level 3
       if (.not. is_strongest) factors = min(factors, (1.5_wp*easy)**(2.0_wp/3.0_wp))
       if (.not. is_strongest .and. 6*band <= n) factors = min(factors, 3*band*n*(easy/(4*n*band**2))**(2.0_wp/3.0_wp))
+      if (s%is_whole) factors = 0.0_wp                                ! stuck contacts precondition
       allocate (samples, source=s%samples)
       if (s%states <= 0.0_wp .and. all(s%samples >= 4*real(s%highest, wp) + 1)) &
          samples = min(s%samples, cheap_size(4*s%highest + 1, size(samples)))
@@ -131,6 +132,8 @@ contains
    pure real(wp) function corrected_bytes(s)
       type(sizes_t), intent(in) :: s
 
+      corrected_bytes = 0.0_wp
+      if (s%is_whole) return
       associate (rows => factor_rows(s%n_coordinates, s%bandwidth))
          corrected_bytes = complex_bytes*s%n_coordinates*rows
          if (rows >= s%n_coordinates .and. s%n_coordinates >= least_rough) corrected_bytes = 0.5_wp*corrected_bytes
@@ -141,7 +144,7 @@ contains
    pure logical function affords_tangent(s)
       type(sizes_t), intent(in) :: s
 
-      affords_tangent = unknowns(s, s%n_harmonics) - s%n_coordinates <= largest_affordable
+      affords_tangent = .not. s%is_whole .and. unknowns(s, s%n_harmonics) - s%n_coordinates <= largest_affordable
    end function affords_tangent
 
    !> Condensed stiffness, and factors of the two harmonics that laws need; see hb_dynamic_stiffness and
@@ -247,7 +250,10 @@ contains
       self%n_kinds = 1 + count([any([(laws(i)%law%needs_velocity, i=1, n)]), self%is_rigid])
       if (coordinates%n == 0) return
       if (allocated(system%structure%sparse)) self%is_whole = is_factorised(system%structure, coordinates, laws)
-      if (self%is_whole) self%factors = factors_of_whole*self%factors
+      if (self%is_whole) then
+         self%factors = factors_of_whole*self%factors
+         self%largest_dense = 0
+      end if
       self%linear_bandwidth = coordinates%n - 1
       self%bandwidth = coordinates%n - 1
       ! of a model that is rejected anyway
