@@ -1,11 +1,14 @@
 # The program without MPI: it needs none and an HDF5 without, gives the bits of the one with MPI, and passes the tests of runs that end
-# early. Skipped where HDF5 needs MPI, too. Takes some minutes.
+# early. Skipped where HDF5 or SUNDIALS needs MPI, too. Takes some minutes.
 set(build ${FOLDER}/build)
 file(REMOVE_RECURSE ${FOLDER})
 execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT} -B ${build} -DHB_MPI=OFF -DCMAKE_BUILD_TYPE=Release
    -DCMAKE_DISABLE_FIND_PACKAGE_MPI=ON OUTPUT_QUIET ERROR_VARIABLE refusal RESULT_VARIABLE status)
 if(refusal MATCHES "libhdf5-dev")
    message("skipped: no HDF5 without MPI")
+   return()
+elseif(refusal MATCHES "CVODE[^\n]*MPI_C_FOUND")
+   message("skipped: no SUNDIALS without MPI")
    return()
 elseif(NOT status EQUAL 0)
    message(FATAL_ERROR "should configure:\n${refusal}")
