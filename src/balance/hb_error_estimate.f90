@@ -66,6 +66,7 @@ contains
       logical :: is_fine
       type(balance_t), target :: wide                                 ! not `allocatable`: several kB, for each point
       type(harmonics_t) :: set
+      type(law_measure_t) :: measure
       type(tones_t) :: tones
       type(torus_t) :: grid
 
@@ -75,15 +76,17 @@ contains
       allocate (self%frequency_error(tones%n_tones), source=0.0_wp)
       call near_commensurate(tones, self%combination, self%combination_frequency)
       is_fine = needs_fine_grid(balance, u, has_unknown_tones(bordered))
-      call choose_wider(balance, balance%harmonics%norms(u), self%combination, is_fine, set, grid, error)
+      call new_law_measure(measure, structure, balance%stiffness%coordinates, balance%law_set%laws, balance%omega)
+      call measure%relate_to(u, stiffest_response(balance))
+      call choose_wider(balance, balance%harmonics%norms(measure%seen(u)), self%combination, is_fine, set, grid, error)
       if (allocated(error)) return
       call make_wide_balance(self, structure, loads, balance, set, grid, wide, error)
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
-      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, is_fine, error, bordered)
+      if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, measure, is_fine, error, bordered)
       if (.not. allocated(error)) then
          if (.not. (present(bordered) .or. is_interrupted()) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
                                             has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
-            call solve_on_finer_grid(self, balance, wide, u, is_fine, error)
+            call solve_on_finer_grid(self, balance, wide, u, measure, is_fine, error)
          if (is_unknown(self%truncation)) self%truncation = 1.0_wp
          if (is_unknown(self%aliasing)) self%aliasing = 1.0_wp
       end if
@@ -169,11 +172,12 @@ contains
    !> Repeats the estimate from the solution on the finer grid, if there is one nearby: aliasing is the difference.
    !> The few samples in contact with rigid laws, such as sticking under friction, may leave the tangent almost
    !> singular, or a different one if rounding decides whether a sample is in contact.
-   subroutine solve_on_finer_grid(self, balance, wide, u, is_fine, error)
+   subroutine solve_on_finer_grid(self, balance, wide, u, measure, is_fine, error)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
       real(wp), intent(in) :: u(:, :)                                 !! [m], (n_coefficients, n_dofs)
+      type(law_measure_t), intent(in) :: measure
       logical, intent(in) :: is_fine                                  !! the grid of `wide` is that of needs_fine_grid
       type(error_t), allocatable, intent(out) :: error
       class(balance_t), allocatable :: fine
@@ -182,7 +186,6 @@ contains
       class(linear_part_t), allocatable :: linear
       real(wp), allocatable :: x(:)
       real(wp) :: difference
-      type(law_measure_t) :: measure
 
       allocate (fine)
       allocate (linear, source=balance%stiffness)
@@ -194,58 +197,50 @@ contains
          x = reshape(u, [size(u)])
          call solve(fine, config, 0.0_wp*x, x, report)
          if (report%status == outcome%converged) then
-            measure = measure_of(balance)
-            difference = measure%norm(reshape(x, shape(u)) - u)/reference_size(balance, u)
+            difference = measure%relative(reshape(x, shape(u)) - u)
             if (allocated(self%improved)) deallocate (self%improved)
-            call estimate_errors(self, fine, wide, reshape(x, shape(u)), is_fine, error)
+            call estimate_errors(self, fine, wide, reshape(x, shape(u)), measure, is_fine, error)
             self%aliasing = difference
          end if
       end if
       call fine%destroy()
    end subroutine solve_on_finer_grid
 
-   !> The norm of motions of a balance.
-   pure function measure_of(balance) result(measure)
+   !> `equality_tolerance` times the response of the stiffest harmonic to the loads at each coordinate [m], (n_dofs): errors of
+   !> smaller motions are relative to it.
+   pure function stiffest_response(balance) result(response)
       type(balance_t), intent(in) :: balance
-      type(law_measure_t) :: measure
+      real(wp) :: response(balance%n_dofs), stiffness
+      integer :: h, i
 
-      measure = new_law_measure(balance%law_set%laws, balance%n_dofs)
-   end function measure_of
-
-   !> Norm of the motion to which errors are relative; at least `smallest_size` times the response of the stiffest
-   !> harmonic to the loads [m].
-   pure real(wp) function reference_size(balance, u)
-      type(balance_t), intent(in) :: balance
-      real(wp), intent(in) :: u(:, :)
-      type(law_measure_t) :: measure
-
-      measure = measure_of(balance)
-      reference_size = max(measure%norm(u), equality_tolerance*maxval(balance%r_scale)/balance%stiffness%largest_entry())
-   end function reference_size
+      associate (linear => balance%stiffness, n => balance%harmonics%n_coefficients)
+         do i = 1, balance%n_dofs
+            stiffness = maxval([(abs(linear%entry(i, i, h)), h=1, balance%harmonics%n_harmonics)])
+            response(i) = equality_tolerance*balance%r_scale(1 + (i - 1)*n)/max(stiffness, tiny(1.0_wp))
+         end do
+      end associate
+   end function stiffest_response
 
    !> Aliasing: the change of the retained harmonics by the exact projection of the forces. Truncation: the further
    !> change of retained harmonics, others and unknown frequencies in the wider set. Both are `huge` if they are not found.
-   subroutine estimate_errors(self, balance, wide, u, is_fine, error, bordered)
+   subroutine estimate_errors(self, balance, wide, u, measure, is_fine, error, bordered)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(inout), target :: balance
       type(balance_t), intent(inout), target :: wide
       real(wp), intent(in) :: u(:, :)
+      type(law_measure_t), intent(in) :: measure
       logical, intent(in) :: is_fine                                  !! the grid of `wide` is that of needs_fine_grid
       type(error_t), allocatable, intent(out) :: error
       class(bordered_problem_t), intent(inout), optional, target :: bordered
       type(tangent_solver_t), target :: tangent
       type(wide_problem_t), target :: whole
-      type(law_measure_t) :: measure
       class(problem_t), pointer :: problem
       real(wp), allocatable :: alias(:), big(:, :), first(:), r(:), second(:), x(:)
-      real(wp) :: size_of_motion
       logical :: is_free, is_lost, is_smooth, needs_search
 
       if (all(u == 0.0_wp)) return
       self%truncation = huge(1.0_wp)
       self%aliasing = huge(1.0_wp)
-      measure = measure_of(balance)
-      size_of_motion = reference_size(balance, u)
       is_free = has_unknown_tones(bordered)
       call find_tangent(balance, u, problem, x, tangent, is_lost, bordered)
       select type (problem)
@@ -254,7 +249,7 @@ contains
       end select
       if (is_lost .or. is_interrupted()) return
       allocate (big, source=coefficients_in(wide%harmonics, balance%harmonics, u))
-      call new_wide_problem(whole, wide, balance, problem, tangent, size_of_motion)
+      call new_wide_problem(whole, wide, balance, problem, tangent, measure)
       allocate (first(whole%n_unknowns), r(whole%n_unknowns), second(whole%n_unknowns), source=0.0_wp)
       call whole%find_residual(big, first, r, is_lost)
       if (is_lost .or. is_interrupted()) return
@@ -263,26 +258,25 @@ contains
       alias = [r(whole%positions), r(size(big) + 1:)]
       call tangent%solve(problem, alias, is_lost)
       if (is_lost .or. is_interrupted()) return
-      self%aliasing = measure%norm(reshape(alias(:size(u)), shape(u)))/size_of_motion
+      self%aliasing = measure%relative(reshape(alias(:size(u)), shape(u)))
       call whole%find_two_steps(big, r, acts_rigidly(balance, wide, is_free), first, second, is_lost)
       if (is_lost) return
       is_smooth = .not. (acts_rigidly(balance, wide, is_free) .or. has_multipliers(balance))
       if (is_smooth .and. .not. present(bordered) .and. whole%growth > max_growth) then
-         associate (length => norm2([norm_of(first), norm_of(second)])/size_of_motion)
+         associate (length => norm2([norm_of(first), norm_of(second)]))
             needs_search = length <= self%wanted%acceptable .and. whole%growth*length > rounding_level
          end associate
          if (needs_search) call find_along_weak_direction(whole, problem, tangent, measure, big, first, second, is_lost)
          if (is_lost) return
       end if
       call add_up_steps(measure, shape(big), whole%positions, alias(:size(u)), second, first, self%truncation)
-      self%truncation = self%truncation/size_of_motion
       call allow_for_slow_convergence(self, balance, is_fine)
-      call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), size_of_motion)
+      call store_step(self, balance, wide, whole%which, big, first, alias(size(u) + 1:), measure)
       if (present(bordered) .and. .not. is_free) self%parameter_error = without_cancellation(alias(size(alias)), first(size(first)))
       self%n_products = whole%n_products
       ! an error above `small_share` is too large for one linear step
       if (acts_rigidly(balance, wide, is_free) .or. (is_free .and. self%truncation > small_share)) &
-         call compare_with_half(self, balance, problem, x, size(u), size_of_motion)
+         call compare_with_half(self, balance, problem, x, size(u), measure)
       if (self%wanted%improvement_steps == 0 .or. present(bordered)) return ! the improvement uses constant frequencies
       self%wider = wide%harmonics
       call whole%improve(self%wanted%improvement_steps, big)
@@ -293,7 +287,7 @@ contains
       pure real(wp) function norm_of(step)
          real(wp), intent(in) :: step(:)
 
-         norm_of = measure%norm(reshape(step(:size(big)), shape(big)))
+         norm_of = measure%relative(reshape(step(:size(big)), shape(big)))
       end function norm_of
    end subroutine estimate_errors
 
@@ -369,7 +363,7 @@ contains
       real(wp), intent(in) :: by_grid(:)                              !! change of these
       real(wp), intent(in) :: second(:)                               !! (n_unknowns)
       real(wp), intent(inout) :: first(:)                             !! (n_unknowns)
-      real(wp), intent(out) :: length                                 !! [m]
+      real(wp), intent(out) :: length                                 !! relative to the motion
       real(wp) :: change(size(first))
 
       length = hypot(length_of(first), length_of(second))
@@ -384,7 +378,7 @@ contains
       pure real(wp) function length_of(step)
          real(wp), intent(in) :: step(:)
 
-         length_of = measure%norm(reshape(step(:product(shape_of_motion)), shape_of_motion))
+         length_of = measure%relative(reshape(step(:product(shape_of_motion)), shape_of_motion))
       end function length_of
    end subroutine add_up_steps
 
@@ -407,7 +401,7 @@ contains
    end function is_interrupted
 
    !> Stores the response of the tuples outside, the motion after the step, and the errors of frequencies.
-   subroutine store_step(self, balance, wide, which, big, first, alias, size_of_motion)
+   subroutine store_step(self, balance, wide, which, big, first, alias, measure)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       type(balance_t), intent(inout) :: wide
@@ -415,17 +409,15 @@ contains
       real(wp), intent(in) :: big(:, :)                               !! the motion in the wider set [m]
       real(wp), intent(in) :: first(:)                                !! the step of all unknowns
       real(wp), intent(in) :: alias(:)                                !! its part by the grid, for the parameters
-      real(wp), intent(in) :: size_of_motion                          !! [m]
+      type(law_measure_t), intent(in) :: measure
       real(wp) :: outside(size(big, 1), size(big, 2))
-      type(law_measure_t) :: measure
       integer :: i
 
       outside = reshape(first(:size(big)), shape(big))
       self%first_order = big - outside
       outside([wide%harmonics%indices_of(balance%harmonics, 1)], :) = 0.0_wp
       self%around = wide%harmonics
-      measure = measure_of(wide)
-      self%neglected = wide%harmonics%norms(measure%seen(outside))/size_of_motion
+      self%neglected = wide%harmonics%norms(measure%seen(outside))/measure%size_of_motion
       do i = 1, size(which)
          if (which(i) <= size(balance%omega)) self%frequency_error(which(i)) = &
             without_cancellation(alias(i), first(size(big) + i))
@@ -507,19 +499,18 @@ contains
    !> of the impact by sum 1/j**2 = 1/order: the error falls with the first power, so that it is as large as this
    !> change. The harmonics just outside show little of it, because the force of the truncated motion has a finite
    !> duration, not the spectrum of an impact. Without a solution the estimates are unchanged.
-   subroutine compare_with_half(self, balance, problem, x, n, size_of_motion)
+   subroutine compare_with_half(self, balance, problem, x, n, measure)
       type(error_estimate_t), intent(inout) :: self
       type(balance_t), intent(in) :: balance
       class(problem_t), intent(inout) :: problem
       real(wp), intent(in) :: x(:)                                    !! its solution
       integer, intent(in) :: n                                        !! coefficients among its unknowns
-      real(wp), intent(in) :: size_of_motion                          !! [m]
+      type(law_measure_t), intent(in) :: measure
       real(wp), parameter :: nearly_at_rest = 0.5_wp ! size relative to the motion; a smaller one approaches the equilibrium
       type(report_t) :: report
       type(solver_config_t) :: config
       real(wp) :: x_half(size(x))
       logical :: is_held(n), is_high(balance%harmonics%n_coefficients), is_possible, is_there
-      type(law_measure_t) :: measure
       integer :: i
 
       is_high = are_in_upper_half(balance%harmonics, problem)
@@ -539,7 +530,8 @@ contains
       class default
          call problem%coarse_guess(0.5_wp, config, x_half, report, is_there)
       end select
-      if (.not. is_there .or. norm2(x_half(:n)) < nearly_at_rest*norm2(x(:n))) return
+      if (.not. is_there) return
+      if (size_of(x_half) < nearly_at_rest*size_of(x)) return
       x_half = x_half - x
       select type (problem)
       class is (bordered_problem_t)
@@ -550,10 +542,17 @@ contains
             end associate
          end do
       end select
-      measure = measure_of(balance)
       associate (change => reshape(x_half(:n), [balance%harmonics%n_coefficients, balance%n_dofs]))
-         self%truncation = max(measure%norm(change)/size_of_motion, min(self%truncation, small_share))
+         self%truncation = max(measure%relative(change), min(self%truncation, small_share))
       end associate
+
+   contains
+
+      pure real(wp) function size_of(unknowns)
+         real(wp), intent(in) :: unknowns(:)
+
+         size_of = measure%norm(reshape(unknowns(:n), [balance%harmonics%n_coefficients, balance%n_dofs]))
+      end function size_of
    end subroutine compare_with_half
 
    !> Whether coefficients belong to the upper half of a set, which the smaller problem does not have.

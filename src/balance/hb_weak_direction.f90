@@ -60,15 +60,17 @@ contains
       end do
       v = w
       call tangent%solve(problem, v, is_singular)
-      w = w/norm2(v)                                                  ! mu is then a length along v
-      v = v/norm2(v)
+      associate (units => whole%r_scale(whole%positions))
+         w = w/norm2(v/units)                                         ! mu is then a length along v
+         v = v/norm2(v/units)
+      end associate
       allocate (self%response(n), source=0.0_wp)
       self%response(self%positions) = v
       deallocate (self%border, self%functionals)
       allocate (self%border(n, 1), self%functionals(n + 1, 1), source=0.0_wp)
       self%border(self%positions, 1) = w
-      self%functionals(:n, 1) = self%response
-      self%r_scale = [(1.0_wp, i=1, n + 1)]
+      self%r_scale = [whole%r_scale, 1.0_wp]
+      self%functionals(:n, 1) = self%response/whole%r_scale**2
       self%x_scale = self%r_scale
    end subroutine weak_direction_border_by
 
@@ -80,7 +82,7 @@ contains
 
       associate (n => size(self%response))
          call self%wide_problem_t%step_in_blocks(r(:n), step(:n))
-         step(n + 1) = dot_product(self%response, step(:n)) - r(n + 1)
+         step(n + 1) = dot_product(self%functionals(:n, 1), step(:n)) - r(n + 1)
          step(:n) = step(:n) - step(n + 1)*self%response
       end associate
    end subroutine weak_direction_step_in_blocks
@@ -148,10 +150,10 @@ contains
             if (is_lost) return
             r(size(r)) = -dot_product(self%functionals(:, 1), total) - x
             call self%step_in_blocks(r, change)
-            call self%find_step(moved(total), r, max_products, step_accuracy*norm2(total), change, is_found)
+            call self%find_step(moved(total), r, max_products, step_accuracy*self%length_of(total), change, is_found)
             if (.not. is_found) return
             total = total + change
-            if (norm2(change) <= step_accuracy*norm2(total)) return
+            if (self%length_of(change) <= step_accuracy*self%length_of(total)) return
          end do
          is_found = .false.
       end subroutine correct

@@ -13,6 +13,7 @@ module hb_wide_problem
    use hb_gmres, only: gmres_t, new_gmres
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_t
+   use hb_law_measure, only: law_measure_t
    use hb_phase, only: peak_functional, peak_rate_functional, phase_problem_t
    use hb_problem, only: problem_t
    use hb_tangent_krylov, only: new_tangent_krylov, tangent_krylov_t
@@ -40,7 +41,7 @@ module hb_wide_problem
       procedure :: find_residual => wide_problem_find_residual
       procedure :: find_step => wide_problem_find_step
       procedure, private :: find_whole_step => wide_problem_find_whole_step
-      procedure, private :: length_of => wide_problem_length_of
+      procedure :: length_of => wide_problem_length_of
       procedure :: apply_tangent => wide_problem_apply_tangent
       procedure :: precondition => wide_problem_precondition
       procedure :: step_in_blocks => wide_problem_step_in_blocks
@@ -63,13 +64,13 @@ contains
 
    !> Creates the problem of a wide balance around a narrow one with its tangent, which may have unknown parameters; the border of
    !> these is that of the retained harmonics. Steps need the factors of the mean tangent of the wide balance.
-   subroutine new_wide_problem(self, wide, balance, narrow, tangent, size_of_motion)
+   subroutine new_wide_problem(self, wide, balance, narrow, tangent, measure)
       type(wide_problem_t), intent(out) :: self
       type(balance_t), intent(inout), target :: wide
       type(balance_t), intent(in) :: balance                          !! the narrow one
       class(problem_t), intent(inout), target :: narrow               !! on the narrow balance
       type(tangent_solver_t), intent(inout), target :: tangent        !! of `narrow`, not singular
-      real(wp), intent(in) :: size_of_motion                          !! [m], > 0
+      type(law_measure_t), intent(in) :: measure                      !! related to the motion
       real(wp), allocatable :: functionals(:, :), border(:, :)
       integer :: i, n, n_retained
 
@@ -96,7 +97,8 @@ contains
          call move_alloc(border, self%border)
       end select
       self%r_scale = [(1.0_wp, i=1, self%n_unknowns)]                 ! equations are scaled as steps: those of parameters count
-      self%r_scale(n + 1:) = narrow%x_scale(n_retained + 1:)/size_of_motion ! like motions of the same relative size
+      self%r_scale(:n) = measure%units_of(reshape(self%r_scale(:n), [n/wide%n_dofs, wide%n_dofs]))
+      self%r_scale(n + 1:) = narrow%x_scale(n_retained + 1:)/measure%size_of_motion ! like motions of the same relative size
       self%x_scale = self%r_scale
       if (.not. solves_by_products()) return
       allocate (self%krylov)
@@ -294,7 +296,9 @@ contains
       if (is_lost) return
       call self%step_in_blocks(r_there, second)
       self%growth = self%length_of(second)/max(self%length_of(first), tiny(1.0_wp))
-      call self%find_step(moved(motion, first), r_there, most, step_accuracy*norm2(first(:size(motion))), second, is_found)
+      associate (units => self%r_scale(:size(motion)))
+         call self%find_step(moved(motion, first), r_there, most, step_accuracy*norm2(first(:size(motion))/units), second, is_found)
+      end associate
       is_lost = .not. is_found
    end subroutine find_coupled_steps
 
@@ -385,9 +389,9 @@ contains
          call self%find_residual(now, no_step, r, is_lost)
          if (.not. is_lost) call self%step_in_blocks(r, blocks)
          if (is_lost .or. self%is_lost) return
-         if (norm2(blocks) < least) then
+         if (self%length_of(blocks) < least) then
             motion = now
-            least = norm2(blocks)
+            least = self%length_of(blocks)
             step = blocks
             if (i == n_steps .or. least <= 0.0_wp) return
             call self%find_step(now, r, of_one_tone, 0.0_wp, step, is_found)

@@ -7,12 +7,15 @@
 !> their own motion. Pairs are joined in the order of the strength of their coupling, as in the algorithm of R. C. Prim, Bell System
 !> Technical Journal 36 (1957) 1389-1401.
 module hb_coordinate_scales
+   use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
+   use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
+   use hb_lapack, only: dgetrf, dgetrs
    use hb_law, only: law_box_t
    use hb_structure, only: max_dense, structure_t
    implicit none
    private
-   public :: coordinate_scales_t, find_coordinate_scales
+   public :: coordinate_scales_t, find_compliances, find_coordinate_scales
 
    type :: coordinate_scales_t
       real(wp), allocatable :: coordinates(:)                         !! (n_dofs), each in the unit of its coordinate
@@ -53,6 +56,63 @@ contains
       self%coordinates = set_exponent(1.0_wp, exponent(self%coordinates)) ! a power of two changes no digit
    end subroutine find_coordinate_scales
 
+   !> Compliances of a structure to forces that grow as exp(omega t) at some of its coordinates, with the factors of equations of
+   !> find_coordinate_scales: of a passive structure they are positive and without resonances, because all its poles are in the
+   !> other half-plane. Coordinates of different groups act on each other neither through the structure nor along a law.
+   subroutine find_compliances(structure, coordinates, laws, omega, compliance, group)
+      type(structure_t), intent(in) :: structure                      !! with dense matrices
+      type(coordinates_t), intent(in) :: coordinates
+      type(law_box_t), intent(in) :: laws(:)                          !! on these
+      real(wp), intent(in) :: omega                                   !! [rad/s], >= 0
+      real(wp), intent(out) :: compliance(:, :)                       !! (coordinates%n, coordinates%n)
+      integer, intent(out) :: group(:)                                !! (coordinates%n)
+      real(wp) :: factors(coordinates%n), first(coordinates%n), own(structure%n_dofs), of_equations(structure%n_dofs)
+      real(wp), allocatable :: forces(:, :), magnitude(:, :), shape(:, :), weights(:), z(:, :)
+      integer, allocatable :: at(:)
+      integer :: group_of(structure%n_dofs), i, info, k, pivots(structure%n_dofs)
+
+      associate (n => structure%n_dofs, n_all => coordinates%n)
+         allocate (magnitude, source=abs(structure%stiffness) + omega*abs(structure%damping) + omega**2*abs(structure%mass))
+         own = [(magnitude(i, i), i=1, n)]
+         of_equations = 1.0_wp
+         call make_reciprocal(magnitude, own, of_equations, group_of)
+         allocate (shape(n, n_all), source=0.0_wp)
+         do k = 1, n_all
+            call coordinates%find_functional(k, at, weights)
+            at = coordinates%dofs(at)
+            shape(at, k) = weights
+            do i = 2, size(at)
+               call join(at(1), at(i), of_equations, group_of)
+            end do
+         end do
+         where (.not. own > 0.0_wp) own = 1.0_wp/of_equations         ! an equation of couplings alone
+         own = 1.0_wp/sqrt(of_equations*own)                          ! of coordinates with a diagonal of 1
+         allocate (z, source=structure%stiffness + omega*structure%damping + omega**2*structure%mass)
+         do i = 1, n
+            z(i, i) = magnitude(i, i)
+            z(:, i) = own*of_equations*z(:, i)*own(i)
+         end do
+         do k = 1, n_all
+            shape(:, k) = own*shape(:, k)
+         end do
+         allocate (forces, source=shape)
+         call dgetrf(n, n, z, n, pivots, info)
+         if (info == 0) call dgetrs("N", n, n_all, z, n, pivots, forces, n, info)
+         if (info /= 0 .or. .not. all(ieee_is_finite(forces))) forces = shape
+         compliance = matmul(transpose(shape), forces)
+         do k = 1, n_all
+            i = findloc(abs(shape(:, k)) > 0.0_wp, .true., dim=1)
+            first(k) = of_equations(i)
+            group(k) = group_of(i)
+         end do
+      end associate
+      factors = first
+      call join_by_laws(laws, factors, group)
+      do k = 1, size(group)
+         compliance(:, k) = compliance(:, k)*sqrt(first*first(k)/(factors*factors(k)))
+      end do
+   end subroutine find_compliances
+
    !> Factors of equations with which the strongest couplings act equally in both directions; coordinates that are not coupled are
    !> in different groups.
    pure subroutine make_reciprocal(magnitude, own, factors, group)
@@ -88,31 +148,41 @@ contains
       end do
    end subroutine make_reciprocal
 
-   !> Joins groups on which one force acts: a law between two bodies pushes both.
+   !> Joins groups on which one force acts, or the forces of one potential: a law between two bodies pushes both.
    pure subroutine join_by_laws(laws, factors, group)
       type(law_box_t), intent(in) :: laws(:)
       real(wp), intent(inout) :: factors(:)
       integer, intent(inout) :: group(:)
-      real(wp) :: ratio
-      integer :: c, first, i, k, old
+      integer :: c, first, i, k
 
       do i = 1, size(laws)
          associate (dofs => laws(i)%law%dofs, shape => laws(i)%law%shape)
             do c = 1, size(shape, 2)
                first = findloc(abs(shape(:, c)) > 0.0_wp, .true., dim=1)
-               do k = first + 1, size(dofs)
-                  old = group(dofs(k))
-                  if (.not. abs(shape(k, c)) > 0.0_wp .or. old == group(dofs(first))) cycle
-                  ratio = factors(dofs(first))/factors(dofs(k))
-                  where (group == old)
-                     factors = factors*ratio
-                     group = group(dofs(first))
-                  end where
+               do k = 1, size(dofs)
+                  if (abs(shape(k, c)) > 0.0_wp .or. laws(i)%law%has_potential) call join(dofs(first), dofs(k), factors, group)
                end do
             end do
          end associate
       end do
    end subroutine join_by_laws
+
+   !> Joins the groups of two coordinates, whose factors become equal.
+   pure subroutine join(first, second, factors, group)
+      integer, intent(in) :: first, second
+      real(wp), intent(inout) :: factors(:)
+      integer, intent(inout) :: group(:)
+      real(wp) :: ratio
+      integer :: old
+
+      old = group(second)
+      if (old == group(first)) return
+      ratio = factors(first)/factors(second)
+      where (group == old)
+         factors = factors*ratio
+         group = group(first)
+      end where
+   end subroutine join
 
    !> Factors with which the largest energy of each group is 1, where it moves.
    pure subroutine measure_by_motion(energy, factors, group)

@@ -294,6 +294,7 @@ contains
       real(wp), intent(in) :: z(:, :)                                 !! its motion, (n_samples, n_coordinates)
       type(steady_motion_t), intent(inout) :: steady
       type(error_t), allocatable, intent(out) :: error
+      type(law_measure_t) :: measure
       complex(wp), allocatable :: averages(:, :)
       integer :: i
       logical :: finds_lines
@@ -314,9 +315,11 @@ contains
          self%unresolved = maxval([(unresolved_by(self%step*size(z, 1), self%frequencies, averages(:, i), steady%spread), &
                                       i=1, size(z, 2))])
       else if (allocated(steady%averages)) then
+         measure = self%measure
+         call measure%relate_to(as_real(averages))
          steady%spread = max(maxval(distance_of(averages, steady%averages, 0.0_wp, self%rest)), &
-                             self%measure%norm(as_real(averages - steady%averages))/ &
-                             max(self%measure%norm(as_real(averages)), maxval(seen_rest(self)), tiny(1.0_wp)))
+                             measure%norm(as_real(averages - steady%averages))/ &
+                             max(measure%size_of_motion, maxval(seen_rest(self)), tiny(1.0_wp)))
       else
          steady%spread = huge(1.0_wp)
       end if

@@ -32,7 +32,7 @@ class Model:
     frequency: list
     loads: list  # (coordinate, tuple, cos)
     laws: list
-    rest: str = ""
+    rest: object = ""  # text, or a function of the units that returns it
     kind: str = "free"  # "free": every row its own factor; "energy": that of its coordinate, which retains symmetry
     keys: dict = field(default_factory=dict)
 
@@ -63,7 +63,7 @@ class Model:
         for i, of, cos in self.loads:
             lines.append(f"&load dof='x{i + 1}', tuple={', '.join(map(str, of))}, cos={cos * units.equations[i]:.17g} /")
         lines += [law(units) for law in self.laws]
-        return "\n".join([*lines, self.rest])
+        return "\n".join([*lines, self.rest(units) if callable(self.rest) else self.rest])
 
 
 def cubic(i, k):
@@ -147,6 +147,36 @@ def masses(rng, law, tones=1, n=3, load=0.5):
     return Model(np.diag(rng.uniform(0.5, 2.0, n)), c, k, [0.9, 0.9 * 1.71237][:tones], loads, [law], kind="energy")
 
 
+def several(rng, kinds, tones=1, load=0.5):
+    """Laws at all masses of a chain."""
+    model = masses(rng, cubic(0, 0.4), tones, n=len(kinds), load=load)
+    model.laws = []
+    for i, kind in enumerate(kinds):
+        f = rng.uniform(0.7, 1.4, 2)
+        model.laws.append({"cubic": lambda: cubic(i, 0.5 * f[0]), "stop": lambda: stop(i, 8.0 * f[0], 0.4 * f[1]),
+                           "slider": lambda: slider(i, 1.5 * f[0], 0.25 * f[1])}[kind]())
+    return model
+
+
+def speaker_with_suspension(rng):
+    """Laws at the coil and at its cone, of which one coordinate is a current."""
+    model = loudspeaker(rng)
+    model.laws.append(cubic(0, 4e9 * rng.uniform(0.7, 1.4)))
+    return model
+
+
+def coupled_oscillators(rng):
+    """Two oscillators that one potential couples."""
+    f = rng.uniform(0.7, 1.4, 3)
+    k = 0.3 * f[0]
+
+    def law(u):  # the gradient of k x1**2 x2**2/2
+        return (f"&law type='polynomial_coupled', dofs='x1', 'x2', coefficients={k * u.force(0, [0, 1, 1]):.17g}, "
+                f"{k * u.force(1, [0, 0, 1]):.17g}, acts_on='x1', 'x2', displacement_exponents=1, 2, 2, 1 /")
+    return Model(np.diag([1.0, 0.6 * f[1]]), np.diag([0.05, 0.04]), np.diag([1.0, 1.3 * f[2]]), [0.9],
+                 [(0, (1,), 0.4), (1, (1,), 0.2)], [law, cubic(0, 0.2)], kind="energy")
+
+
 def gyroscopic(rng):
     """A disc in two planes: coupled by rates alone, with opposite signs."""
     f = rng.uniform(0.7, 1.4, 3)
@@ -176,4 +206,11 @@ KINDS = {
     "slider, two tones": lambda rng: masses(rng, slider(1, 2.0, 0.3), 2),
     "wall": lambda rng: masses(rng, wall(2, 0.6, 0.6), n=2 + 1),
     "gyroscopic": gyroscopic,
+    "cubic springs": lambda rng: several(rng, ["cubic", "cubic", "cubic"]),
+    "cubic springs, two tones": lambda rng: several(rng, ["cubic", "cubic"], 2),
+    "stops": lambda rng: several(rng, ["stop", "stop"], load=0.4),
+    "stops, two tones": lambda rng: several(rng, ["stop", "cubic"], 2, load=0.3),
+    "sliders": lambda rng: several(rng, ["slider", "cubic", "slider", "cubic"]),
+    "loudspeaker with a suspension": speaker_with_suspension,
+    "coupled oscillators": coupled_oscillators,
 }

@@ -71,9 +71,8 @@ contains
       if (.not. goal > 0.0_wp) return
       next%discretisation_t = top%discretisation_t
       if (options%accuracy%grows_set) &
-         call choose_set(options, required, result, top, goal, n_failures == max_failures - 1 .or. &
-         raised_by(result)*result%error_estimate%truncation >= merge(max_reliable_error, max_removable, n_failures == 0), &
-               next%harmonics, error)
+         call choose_set(n_failures == max_failures - 1 .or. raised_by(result)*result%error_estimate%truncation >= &
+                         merge(max_reliable_error, max_removable, n_failures == 0), next%harmonics)
       if (allocated(error)) return
       if (options%accuracy%refines_grid) then
          finer = 1.0_wp
@@ -90,6 +89,49 @@ contains
       next%unknowns = on_other_set(top, next%harmonics)
       if (allocated(result%error_estimate%first_order) .and. n_failures == 0 .and. .not. any(system%tones%is_unknown)) &
          call apply_first_order_correction(system, result, top, next)
+
+   contains
+
+      !> Chooses the set of the next level.
+      subroutine choose_set(as_box, set)
+         logical, intent(in) :: as_box !! the error estimate cannot report the tuples that the set lacks
+         type(harmonics_t), intent(out) :: set
+         type(harmonics_t) :: around
+         real(wp), allocatable :: carried(:), neglected(:)
+         real(wp) :: amplification, smallest, tail
+         integer :: capacity
+         logical, allocatable :: is_needed(:)
+         integer :: h
+
+         if (as_box) then
+            call new_box(set, ceiling(max_growth*top%harmonics%highest), .false., error)
+            if (allocated(error)) return
+            if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%harmonics)) return
+         end if
+         allocate (carried, source=shares_of(system, top))
+         is_needed = [(is_needed_at(options, required, top%harmonics%tuples(:, h)), h=1, top%harmonics%n_harmonics)]
+         if (allocated(result%error_estimate%neglected)) then
+            around = result%error_estimate%around
+            neglected = result%error_estimate%neglected
+         else                                                            ! the tangent was not usable: one more in all directions
+            call new_box(around, top%harmonics%highest + 1, .false., error)
+            if (allocated(error)) return
+            allocate (neglected(around%n_harmonics), source=goal)
+         end if
+         amplification = raised_by(result)*result%error_estimate%truncation/max(norm2(neglected), &
+                                                                                tiny(1.0_wp)) ! by the tuples of the set
+         amplification = max(1.0_wp, min(amplification, max_amplification))
+         tail = share_of_tail*goal/amplification
+         capacity = min(options%accuracy%max_harmonics, int(max_growth*max(top%harmonics%n_harmonics, min_tuples_to_grow)))
+         smallest = negligible_step*tail
+         do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
+            call new_harmonics(set, chosen_tuples(top%harmonics, carried, around, neglected, is_needed, tail, capacity), error)
+            if (allocated(error)) return
+            if (raised_by(result)*result%error_estimate%truncation <= goal .or. &
+                set%n_harmonics > min_growth*top%harmonics%n_harmonics) return
+            tail = max_tail_ratio*tail
+         end do
+      end subroutine choose_set
    end subroutine choose_next
 
    !> Samples per tone of the next level, relative to those of this one, for laws that are not polynomials.
@@ -169,54 +211,6 @@ contains
       if (distance(next, corrected, measure_of(system), .false.) < max_removable) next%unknowns = corrected%unknowns
    end subroutine apply_first_order_correction
 
-   !> Chooses the set of the next level.
-   subroutine choose_set(options, required, result, top, goal, as_box, set, error)
-      type(options_t), intent(in) :: options
-      integer, intent(in) :: required(:, :)
-      type(motion_result_t), intent(in) :: result
-      type(level_t), intent(in) :: top
-      real(wp), intent(in) :: goal                                    !! for the estimated error
-      logical, intent(in) :: as_box !! the error estimate cannot report the tuples that the set lacks
-      type(harmonics_t), intent(out) :: set
-      type(error_t), allocatable, intent(out) :: error
-      type(harmonics_t) :: around
-      real(wp), allocatable :: carried(:), neglected(:)
-      real(wp) :: amplification, smallest, tail
-      integer :: capacity
-      logical, allocatable :: is_needed(:)
-      integer :: h
-
-      if (as_box) then
-         call new_box(set, ceiling(max_growth*top%harmonics%highest), .false., error)
-         if (allocated(error)) return
-         if (set%n_harmonics <= options%accuracy%max_harmonics .and. has_all_of(set, top%harmonics)) return
-      end if
-      allocate (carried, source=top%harmonics%norms(coefficients_of(top)))
-      carried = carried/max(norm2(carried), tiny(1.0_wp))
-      is_needed = [(is_needed_at(options, required, top%harmonics%tuples(:, h)), h=1, top%harmonics%n_harmonics)]
-      if (allocated(result%error_estimate%neglected)) then
-         around = result%error_estimate%around
-         neglected = result%error_estimate%neglected
-      else                                                            ! the tangent was not usable: one more in all directions
-         call new_box(around, top%harmonics%highest + 1, .false., error)
-         if (allocated(error)) return
-         allocate (neglected(around%n_harmonics), source=goal)
-      end if
-      amplification = raised_by(result)*result%error_estimate%truncation/max(norm2(neglected), &
-                                                                             tiny(1.0_wp)) ! by the tuples of the set
-      amplification = max(1.0_wp, min(amplification, max_amplification))
-      tail = share_of_tail*goal/amplification
-      capacity = min(options%accuracy%max_harmonics, int(max_growth*max(top%harmonics%n_harmonics, min_tuples_to_grow)))
-      smallest = negligible_step*tail
-      do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
-         call new_harmonics(set, chosen_tuples(top%harmonics, carried, around, neglected, is_needed, tail, capacity), error)
-         if (allocated(error)) return
-         if (raised_by(result)*result%error_estimate%truncation <= goal .or. &
-             set%n_harmonics > min_growth*top%harmonics%n_harmonics) return
-         tail = max_tail_ratio*tail
-      end do
-   end subroutine choose_set
-
    pure logical function has_all_of(set, other)
       type(harmonics_t), intent(in) :: set, other
       integer :: h
@@ -235,7 +229,7 @@ contains
       real(wp) :: allowed                                             ! error by aliasing
       real(wp) :: density                                             ! of samples, relative to the present one
 
-      call trim_set(options, required, small_share, level)
+      call trim_set(system, options, required, small_share, level)
       if (.not. options%accuracy%refines_grid) return
       density = 1.0_wp
       if (degree_of(system) == 0) then
@@ -255,13 +249,14 @@ contains
       type(level_t), intent(inout) :: level
       real(wp), parameter :: max_excess_in_tolerances = 3.0_wp        ! tolerances
 
-      call trim_set(options, required, max_excess_in_tolerances, level)
+      call trim_set(system, options, required, max_excess_in_tolerances, level)
       if (options%accuracy%refines_grid) &
          call level%torus%resample(min(level%torus%n_samples, needed_samples(level%harmonics%highest, degree_of(system))))
    end subroutine coarsen
 
    !> Removes from a level the tuples that together contribute at most a share of the tolerance.
-   subroutine trim_set(options, required, share, level)
+   subroutine trim_set(system, options, required, share, level)
+      type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
       integer, intent(in) :: required(:, :)                           !! tuples that remain in the set, (n_tones, any)
       real(wp), intent(in) :: share
@@ -272,8 +267,7 @@ contains
       integer, allocatable :: retained(:)
       integer :: h
 
-      allocate (amplitudes, source=level%harmonics%norms(coefficients_of(level)))
-      amplitudes = amplitudes/max(norm2(amplitudes), tiny(1.0_wp))
+      allocate (amplitudes, source=shares_of(system, level))
       do h = 1, level%harmonics%n_harmonics
          if (is_needed_at(options, required, level%harmonics%tuples(:, h))) amplitudes(h) = huge(1.0_wp)
       end do
@@ -299,7 +293,7 @@ contains
 
       n_harmonics = level%harmonics%n_harmonics
       allocate (n_samples, source=level%torus%n_samples)
-      if (options%accuracy%grows_set) call trim_set(options, required, small_share, level)
+      if (options%accuracy%grows_set) call trim_set(system, options, required, small_share, level)
       if (options%accuracy%refines_grid) then
          allocate (least, source=needed_samples(level%harmonics%highest, degree_of(system)))
          if (degree_of(system) == 0) least = max(least, fast_size(ceiling(clearly_smaller*n_samples)))
@@ -427,13 +421,16 @@ contains
       type(level_t), intent(in) :: lower, upper
       type(law_measure_t), intent(in) :: measure
       logical, intent(in) :: has_free_phases
+      type(law_measure_t) :: of_upper
       type(level_t) :: moved
       real(wp), allocatable :: seen(:, :), there(:, :)
 
+      of_upper = measure
+      call of_upper%relate_to(coefficients_of(upper))
       moved%harmonics = upper%harmonics
       moved%unknowns = on_other_set(lower, upper%harmonics)
-      allocate (there, source=measure%seen(coefficients_of(moved)))
-      allocate (seen, source=measure%seen(coefficients_of(upper)))
+      allocate (there, source=of_upper%seen(coefficients_of(moved)))
+      allocate (seen, source=of_upper%seen(coefficients_of(upper)))
       if (has_free_phases) then
          distance = norm2(upper%harmonics%norms(there) - upper%harmonics%norms(seen))
       else
@@ -441,6 +438,19 @@ contains
       end if
       distance = distance/max(norm2(seen), tiny(1.0_wp))
    end function distance
+
+   !> Amplitudes of the tuples of a level relative to its motion, as errors are estimated, (n_harmonics).
+   function shares_of(system, level) result(shares)
+      type(system_t), intent(in) :: system
+      type(level_t), intent(in) :: level
+      real(wp), allocatable :: shares(:)
+      type(law_measure_t) :: measure
+
+      measure = measure_of(system)
+      call measure%relate_to(coefficients_of(level))
+      shares = level%harmonics%norms(measure%seen(coefficients_of(level)))
+      shares = shares/max(norm2(shares), tiny(1.0_wp))
+   end function shares_of
 
    !> Estimated error of a motion, from its error estimate or from the level below.
    pure real(wp) function estimate_of(result)

@@ -93,7 +93,7 @@ contains
          if (.not. (options%accuracy%grows_set .and. options%chain%is_on .and. self%result%status == outcome%converged) .or. &
              size(options%gradient%by) > 0) return                     ! which is that of the whole set
          if (self%system%tones%n_tones == 1) then                     ! whose grids cost little
-            call trim_set(options, self%required, small_share, self%top)
+            call trim_set(self%system, options, self%required, small_share, self%top)
          else
             call trim_for_neighbour(self%system, options, self%required, self%result, self%top)
          end if

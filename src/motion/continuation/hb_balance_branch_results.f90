@@ -3,10 +3,12 @@
 submodule (hb_balance_branch) hb_balance_branch_results
    use hb_bifurcation, only: bifurcation_value
    use hb_law, only: law_box_t
+   use hb_law_measure, only: law_measure_t
    use hb_level, only: apply_safety_factor, estimate_of
    use hb_motion_description, only: describe_motion, solution_t, stability_of_refined
    use hb_options, only: options_t
    use hb_point_kinds, only: curve_kind
+   use hb_system, only: measure_of
    use hb_thresholds, only: small_share
    use hb_tones, only: tones_t
    implicit none
@@ -64,7 +66,9 @@ contains
    !> not depend on the previous points of the curve. At a branch point, where any vector between the two curves is a
    !> tangent, steps are across both; at a given value this is held.
    module procedure balance_branch_plane_at
+      type(law_measure_t) :: measure
       type(report_t) :: report
+      real(wp), allocatable :: u(:, :)
       real(wp) :: determinant_sign, tangent(size(point%x)), units(size(point%x))
       logical :: is_crossed, is_possible, is_singular
 
@@ -78,8 +82,12 @@ contains
       end if
       is_crossed = point%is_crossing .or. point%kind == curve_kind%branch
       if (is_singular) tangent = curve%direction
-      associate (u => point%x(:self%problem%n_unknowns))
-         units = [spread(max(norm2(u), tiny(1.0_wp)), 1, size(u)), self%problem%parameter_scales(self%problem%which)]
+      measure = measure_of(self%problem%model%system)
+      associate (n => self%problem%n_unknowns, n_dofs => self%problem%n_dofs)
+         u = reshape(point%x(:n), [n/n_dofs, n_dofs])
+         call measure%relate_to(u)
+         units = [max(measure%size_of_motion, tiny(1.0_wp))*measure%units_of(u), &
+                  self%problem%parameter_scales(self%problem%which)]
       end associate
       if (any(point%kind == [curve_kind%value, curve_kind%end]) .and. .not. is_crossed) &
          tangent = [0.0_wp*tangent(2:), units(size(units))]

@@ -211,7 +211,7 @@ contains
       type(coordinates_t) :: coordinates
 
       coordinates = coordinates_of(system)
-      measure = new_law_measure(laws_at(coordinates, system%laws), coordinates%n)
+      call new_law_measure(measure, system%structure, coordinates, laws_at(coordinates, system%laws), system%tones%omega)
    end function measure_of
 
    !> Gives unknowns to a linear system, so that a curve can be followed: the degrees of freedom of its loads, at which each mode
