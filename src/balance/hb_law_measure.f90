@@ -11,10 +11,12 @@ module hb_law_measure
    use hb_coordinates, only: coordinates_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
-   use hb_structure, only: max_dense, structure_t
+   use hb_structure, only: structure_t
    implicit none
    private
    public :: law_measure_t, new_law_measure
+
+   integer, parameter :: max_dofs = 50                                ! whose compliances cost little beside a balance
 
    type :: law_measure_t
       real(wp) :: size_of_motion = 1.0_wp                             !! to which errors are relative
@@ -32,8 +34,8 @@ module hb_law_measure
 
 contains
 
-   !> Creates the measure of motions at coordinates of a structure. Structures without dense matrices, and laws that stand for many,
-   !> have coordinates of one unit, which are compared as they are.
+   !> Creates the measure of motions at coordinates of a structure. Coordinates of large structures, and of laws that stand for many,
+   !> are compared as they are: they have one unit.
    subroutine new_law_measure(self, structure, coordinates, laws, omega)
       type(law_measure_t), intent(out) :: self
       type(structure_t), intent(in) :: structure
@@ -44,7 +46,7 @@ contains
       integer :: k
 
       if (.not. all([(is_direct(laws(k)%law%shape), k=1, size(laws))])) self%weights = weights_of(laws, coordinates%n)
-      if (structure%n_dofs > max_dense .or. .not. allocated(structure%stiffness)) return
+      if (structure%n_dofs > max_dofs .or. .not. allocated(structure%stiffness)) return
       if (any([(allocated(laws(k)%law%positions), k=1, size(laws))])) return
       if (coordinates%n < 2) return
       if (allocated(self%weights)) then

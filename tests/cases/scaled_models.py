@@ -147,14 +147,19 @@ def masses(rng, law, tones=1, n=3, load=0.5):
     return Model(np.diag(rng.uniform(0.5, 2.0, n)), c, k, [0.9, 0.9 * 1.71237][:tones], loads, [law], kind="energy")
 
 
+def drawn(rng, kind, i):
+    f = rng.uniform(0.7, 1.4, 2)
+    if kind == "cubic":
+        return cubic(i, 0.5 * f[0])
+    return stop(i, 8.0 * f[0], 0.4 * f[1]) if kind == "stop" else slider(i, 1.5 * f[0], 0.25 * f[1])
+
+
 def several(rng, kinds, tones=1, load=0.5):
     """Laws at all masses of a chain."""
     model = masses(rng, cubic(0, 0.4), tones, n=len(kinds), load=load)
     model.laws = []
     for i, kind in enumerate(kinds):
-        f = rng.uniform(0.7, 1.4, 2)
-        model.laws.append({"cubic": lambda: cubic(i, 0.5 * f[0]), "stop": lambda: stop(i, 8.0 * f[0], 0.4 * f[1]),
-                           "slider": lambda: slider(i, 1.5 * f[0], 0.25 * f[1])}[kind]())
+        model.laws.append(drawn(rng, kind, i))
     return model
 
 

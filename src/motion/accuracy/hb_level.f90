@@ -118,13 +118,12 @@ contains
             if (allocated(error)) return
             allocate (neglected(around%n_harmonics), source=goal)
          end if
-         amplification = raised_by(result)*result%error_estimate%truncation/max(norm2(neglected), &
-                                                                                tiny(1.0_wp)) ! by the tuples of the set
-         amplification = max(1.0_wp, min(amplification, max_amplification))
+         amplification = raised_by(result)*result%error_estimate%truncation/max(norm2(neglected), tiny(1.0_wp))
+         amplification = max(1.0_wp, min(amplification, max_amplification))      ! by the tuples of the set
          tail = share_of_tail*goal/amplification
          capacity = min(options%accuracy%max_harmonics, int(max_growth*max(top%harmonics%n_harmonics, min_tuples_to_grow)))
          smallest = negligible_step*tail
-         do while (tail > smallest)                                      ! neglected tuples may appear small and still have an effect
+         do while (tail > smallest) ! neglected tuples may appear small, yet have an effect
             call new_harmonics(set, chosen_tuples(top%harmonics, carried, around, neglected, is_needed, tail, capacity), error)
             if (allocated(error)) return
             if (raised_by(result)*result%error_estimate%truncation <= goal .or. &
