@@ -16,7 +16,7 @@ module hb_law_measure
    private
    public :: law_measure_t, new_law_measure
 
-   integer, parameter :: max_dofs = 50                                ! whose compliances cost little beside a balance
+   integer, parameter :: max_dofs = 40                                ! whose compliances cost little beside a balance
 
    type :: law_measure_t
       real(wp) :: size_of_motion = 1.0_wp                             !! to which errors are relative
@@ -34,8 +34,8 @@ module hb_law_measure
 
 contains
 
-   !> Creates the measure of motions at coordinates of a structure. Coordinates of large structures, and of laws that stand for many,
-   !> are compared as they are: they have one unit.
+   !> Creates the measure of motions at coordinates of a structure. Coordinates of large structures, and of laws that stand for
+   !> many, are compared as they are: they have one unit.
    subroutine new_law_measure(self, structure, coordinates, laws, omega)
       type(law_measure_t), intent(out) :: self
       type(structure_t), intent(in) :: structure

@@ -139,7 +139,7 @@ contains
          end if
          is_done(i) = .true.
          do k = 1, size(own)
-            if (is_done(k)) cycle
+            if (is_done(k) .or. .not. min(magnitude(i, k), magnitude(k, i)) > 0.0_wp) cycle
             strength = sqrt(magnitude(i, k)/max(own(i), tiny(1.0_wp)))*sqrt(magnitude(k, i)/max(own(k), tiny(1.0_wp)))
             if (strength <= strongest(k)) cycle
             strongest(k) = strength
