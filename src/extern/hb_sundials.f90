@@ -73,6 +73,7 @@ module hb_sundials
    contains
       procedure :: restart => cvode_restart
       procedure :: advance => cvode_advance
+      procedure :: is_at_pole => cvode_is_at_pole
       procedure :: destroy => cvode_destroy
    end type cvode_t
 
@@ -192,6 +193,13 @@ contains
          call fail(error, "cvode at t = "//to_text(time)//" s: "//self%handle%message)
       end if
    end subroutine cvode_advance
+
+   !> Whether the integration has ended where the derivatives become infinite.
+   logical function cvode_is_at_pole(self) result(is_at_pole)
+      class(cvode_t), intent(in) :: self
+
+      is_at_pole = self%handle%is_stuck
+   end function cvode_is_at_pole
 
    !> Frees everything; safe to call twice.
    subroutine cvode_destroy(self)

@@ -227,6 +227,7 @@ contains
          call self%flight%advance(t_end, self%cvode%values, t, is_event, found, error)
       else
          call self%cvode%advance(t_end, t, is_event, found, error, self%base)
+         self%is_at_pole = allocated(error) .and. self%cvode%is_at_pole()
       end if
    end subroutine advance
 

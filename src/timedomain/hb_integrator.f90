@@ -18,6 +18,7 @@ module hb_integrator
       integer(int64) :: n_steps = 0_int64                             !! since then
       integer, allocatable :: impacts(:)                              !! since then, on both sides of each rigid law; negative
                                                                       !! once bounces have ended in contact
+      logical :: is_at_pole = .false.                                 !! it has ended where a force becomes infinite
       real(wp), allocatable :: impact_times(:)                        !! [s], if they are to be listed: allocated at first
       real(wp), allocatable :: impact_jumps(:, :)                     !! changes of velocity there [m/s], (n_dofs, n_listed)
    contains

@@ -415,6 +415,7 @@ contains
       config%max_evaluations = n_before + affordable_evaluations(options%integration%max_work - steady%work, cost)
       call integrate_from(system, config, step, [(i, i=1, system%n_dofs)], state, next, error, early_end_t(watches_pace=.true.))
       steady%is_out_of_work = next%is_out_of_work
+      steady%is_at_pole = next%is_at_pole
       if (next%is_out_of_work .and. allocated(steady%message)) then
          deallocate (error)
          call end_without_work(steady)

@@ -42,6 +42,7 @@ module hb_time_stepping
       real(wp) :: cpu_seconds = 0.0_wp                                !! processor time, including set-up of the method [s]
       logical :: is_under_way = .false.                               !! the method has started: an error is one of the motion
       logical :: is_out_of_work = .false.                             !! the error is that of the budget
+      logical :: is_at_pole = .false.                                 !! it is that of a force which becomes infinite
       logical :: is_at_rest = .false.                                 !! the transient has ended at rest: there is no record
    end type integration_record_t
 
@@ -104,6 +105,7 @@ contains
       call cpu_time(ended)
       record%cpu_seconds = ended - begun
       if (allocated(integrator)) then
+         record%is_at_pole = integrator%is_at_pole
          if (allocated(integrator%impacts)) call move_alloc(integrator%impacts, record%impacts)
          if (allocated(integrator%impact_times)) then
             call move_alloc(integrator%impact_times, record%impact_times)

@@ -51,6 +51,31 @@ def test_pull_in_is_named(tmp_path):
         assert b"".join(np.ravel(file["message"][0])).startswith(b"law 'plate': pull-in")
 
 
+def test_a_motion_that_does_not_persist_is_pull_in():
+    """Between two tones the balance has a motion beyond pull-in, with errors as large as itself: integrated, it reaches the plate."""
+    voltages = 0.1875, 0.6
+    static = np.sqrt(4 * K * GAP**3 / (27 * C))
+    natural = np.sqrt(K)
+    tones = 0.93 * natural, 0.985 * natural
+    model = nhbm.Model(nhbm.Matrices(mass=[[1.0]], damping=[[natural / 80]], stiffness=[[K]], labels=["x"]), tones=list(tones))
+    model.law("electrostatic", "x", label="plate", coefficient=C, gap=GAP, voltage=0.35 * static, tuple=[1, 0, 0, 1],
+              voltage_cos=[v * static for v in voltages])  # fmt: skip
+    with pytest.warns(nhbm.NotConverged):
+        motion = model.solve(tolerance=1e-2)
+    assert motion.status == "law_undefined"
+    assert "coefficients" not in motion or motion.coefficients.isnull().all()
+
+    def rates(t, y):
+        volts = static * (0.35 + sum(v * np.cos(w * t) for v, w in zip(voltages, tones)))
+        return [y[1], -natural / 80 * y[1] - K * y[0] + C * volts**2 / (GAP - y[0]) ** 2]
+
+    def reaches_the_plate(t, y):
+        return y[0] - 0.98 * GAP
+
+    reaches_the_plate.terminal = True
+    assert solve_ivp(rates, (0.0, 2000.0), [0.0, 0.0], rtol=1e-8, events=reaches_the_plate).status == 1
+
+
 def test_two_voltages_against_shooting():
     """Tuples 1 and 2 of one tone: integrated over one period, the motion returns to its start."""
     cosines, sines = [0.08, -0.05], [0.02, 0.06]

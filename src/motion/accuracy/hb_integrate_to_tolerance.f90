@@ -216,7 +216,7 @@ contains
    end function is_stable
 
    !> Describes why time integration from a balance has found no motion with a series, and discards that of the balance if it does
-   !> not persist, or is none by its estimate.
+   !> not persist, as where it leads to pull-in, or is none by its estimate.
    subroutine describe_lost(system, options, steady, is_struck, result)
       type(system_t), intent(in) :: system
       type(options_t), intent(in) :: options
@@ -224,7 +224,17 @@ contains
       logical, intent(in) :: is_struck                                !! the balance strikes walls with a given restitution
       type(motion_result_t), intent(inout) :: result                  !! of the balance, with the work of the integration
       logical :: is_known                                             ! larger sets bring no gain, but its estimate is one
+      character(:), allocatable :: message
 
+      if (steady%is_at_pole .and. .not. is_struck) then
+         message = "a motion of the balance, with estimated error "//rounded(estimate_of(result))//", does not persist: "// &
+                   steady%message
+         call result%forget_motion()
+         result%message = message
+         result%reason = reason%none
+         result%status = outcome%law_undefined
+         return
+      end if
       if (steady%is_out_of_work .and. steady%status == outcome%pending .and. .not. is_struck .and. &
           needs_larger_set(system, options, result, result%work - steady%work)) then
          result%message = "the search for a larger set"//is_spent//", and so has a time integration from this motion"
@@ -370,6 +380,7 @@ contains
          if (self%n_levels > 0) return
          self%steady%message = "integration: "//self%error%message
          self%steady%is_out_of_work = steady%is_out_of_work
+         self%steady%is_at_pole = steady%is_at_pole
          return
       end if
       if (self%n_found == 0 .and. .not. (self%steady%status == outcome%subharmonic .and. steady%status == outcome%pending)) &

@@ -11,7 +11,7 @@ module hb_integrated_result
    use hb_motion_description, only: request_stability, store_motion
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
-   use hb_outcome, only: outcome, reason
+   use hb_outcome, only: is_lost, outcome, reason
    use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
@@ -42,6 +42,7 @@ contains
 
       if (steady%is_out_of_work .and. result%reason == reason%steep_friction) return
       if (allocated(steady%message)) call result%add_message(steady%message, is_first=result%status /= outcome%law_undefined)
+      if (steady%is_at_pole .and. is_lost(result%status)) result%status = outcome%law_undefined
       if (.not. steady%is_out_of_work) return
       result%reason = reason%max_fallback_work
       if (is_struck) result%status = outcome%out_of_budget

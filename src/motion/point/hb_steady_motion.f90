@@ -21,6 +21,7 @@ module hb_steady_motion
       integer :: n_periods = 0                                        !! of the slowest tone, in all
       integer :: n_repeat = 0                                         !! periods after which a subharmonic motion repeats
       logical :: is_out_of_work = .false.                             !! before its end
+      logical :: is_at_pole = .false.                                 !! it has ended where a force becomes infinite, as by pull-in
       real(wp) :: work = 0.0_wp                                       !! from counts, see hb_solver_types
       real(wp), allocatable :: monodromy(:, :)                        !! derivative of the period map, of a motion from shooting
    end type steady_motion_t
