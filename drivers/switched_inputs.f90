@@ -22,13 +22,15 @@ module switched_inputs
    use hb_study, only: study_t
    use hb_sweep_plan, only: sweep_plan_t
    use hb_text, only: add_string, quote, string_t, to_text
+   use hb_tones, only: tones_t
    use hb_truncation, only: truncation_t
    use hb_truncation_reader, only: read_truncation
    implicit none
    private
    public :: list_of, switched_input
 
-   integer, parameter :: torus_orders(2) = [12, 7]                    ! highest orders of the given tone and of the additional one
+   integer, parameter :: torus_orders(2, 2) = reshape([12, 7, 5, 3], [2, 2]) ! highest orders of the tones there and of the
+                                                                      ! additional one; there one tone, or several
 
 contains
 
@@ -59,7 +61,7 @@ contains
       text = without_group(text, "sweep")
       allocate (overrides(0))
       call document%begin()
-      if (is_torus .and. model%system%tones%n_tones > 1) then
+      if (curve_kinds(from%kind)%multipliers_jump .and. model%system%tones%n_tones > 1) then
          call fail(error, "the motion has several tones")
       else if (is_torus .and. model%options%lacks_impacts_of(model%system, outcome%impact)) then
          call fail(error, "motions with impacts that have an additional tone are found by time integration alone; use a &sweep "// &
@@ -73,15 +75,14 @@ contains
       if (is_torus) then
          group => document%group("tones", 1)
          key = trim(merge("hertz    ", "frequency", group%given("hertz")))
-         call add(overrides, "tones%"//key, to_text(model%system%tones%omega(1)*model%system%tones%subharmonic/ &
-                                                    merge(two_pi, 1.0_wp, key == "hertz"))//", 0.0")
-         call add(overrides, "tones%unknown", to_text(model%system%tones%is_unknown(1))//", .true.")
+         call add(overrides, "tones%"//key, frequencies_of(model%system%tones, key == "hertz")//"0.0")
+         call add(overrides, "tones%unknown", unknowns_of(model%system%tones)//".true.")
          call add(overrides, "error_estimate%improvement_steps", "0")
       else
          call add(overrides, "tones%subharmonic", to_text(2*model%system%tones%subharmonic))
       end if
       call add(overrides, "harmonics%symmetry", "'none'")
-      call add_samples_and_tuples(document, is_torus, overrides)
+      call add_samples_and_tuples(document, model%system%tones%n_tones, is_torus, overrides)
       if (is_torus .and. index(plan%curve%path, "(") == 0 .and. index(plan%curve%path, "tones%") == 1) &
          call add(overrides, "curve%parameter", quote(plan%curve%path//"(1)"))
       do k = 1, size(response_keys)
@@ -113,10 +114,13 @@ contains
       if (.not. allocated(truncation%order)) then
          call fail(error, "&harmonics set = 'list' does not define the other motions; use a box or a diamond")
       else if (is_torus .and. size(torus_order) == 2) then
-         call add(overrides, "harmonics%order", list_of(torus_order))
+         call add(overrides, "harmonics%order", list_of([spread(torus_order(1), 1, n_tones), torus_order(2)]))
          call add(overrides, "harmonics%set", "'box'")
       else if (is_torus .and. truncation%set == "box") then
-         call add(overrides, "harmonics%order", list_of(min([truncation%order, truncation%order], torus_orders)))
+         associate (highest => torus_orders(:, min(n_tones, 2)), order => truncation%order)
+            call add(overrides, "harmonics%order", list_of(min([order, maxval(order)], &
+                                                               [spread(highest(1), 1, n_tones), highest(2)])))
+         end associate
       else if (.not. is_torus .and. truncation%set == "box") then
          call add(overrides, "harmonics%order", list_of(2*truncation%order))
       else if (.not. is_torus) then
@@ -126,8 +130,9 @@ contains
    end subroutine add_set
 
    !> Sets the samples of the grid and the tuples of loads and starts, for an additional tone or half the tone.
-   subroutine add_samples_and_tuples(document, is_torus, overrides)
+   subroutine add_samples_and_tuples(document, n_tones, is_torus, overrides)
       type(document_t), intent(inout), target :: document
+      integer, intent(in) :: n_tones
       logical, intent(in) :: is_torus
       type(string_t), allocatable, intent(inout) :: overrides(:)
       type(properties_t), pointer :: group
@@ -135,10 +140,10 @@ contains
       integer :: i, k
 
       group => document%optional_group("sampling")
-      samples = [0]
+      samples = spread(0, 1, n_tones)
       call group%get("samples", samples)
       if (is_torus) then
-         call add(overrides, "sampling%samples", list_of([samples(1), 0]))
+         call add(overrides, "sampling%samples", list_of([samples, 0]))
       else
          call add(overrides, "sampling%samples", list_of(2*samples))
       end if
@@ -213,6 +218,31 @@ contains
       read (name(bracket + 1:index(name, ")") - 1), *, iostat=status) tuple
       if (status == 0) text = name(:bracket)//list_of(taken_over(tuple, is_torus))//")"
    end function response_text
+
+   !> The frequencies of the tones there as values of a key, each with a comma.
+   function frequencies_of(tones, in_hertz) result(text)
+      type(tones_t), intent(in) :: tones
+      logical, intent(in) :: in_hertz                                 !! otherwise in rad/s
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, tones%n_tones
+         text = text//to_text(tones%omega(i)*tones%subharmonic/merge(two_pi, 1.0_wp, in_hertz))//", "
+      end do
+   end function frequencies_of
+
+   !> Which of them are unknown, likewise.
+   function unknowns_of(tones) result(text)
+      type(tones_t), intent(in) :: tones
+      character(:), allocatable :: text
+      integer :: i
+
+      text = ""
+      do i = 1, tones%n_tones
+         text = text//to_text(tones%is_unknown(i))//", "
+      end do
+   end function unknowns_of
 
    !> Formats numbers as the values of a key.
    pure function list_of(numbers) result(text)

@@ -306,7 +306,7 @@ contains
       if (.not. allocated(self%options%callbacks%stability_finder)) &
          allocate (self%options%callbacks%stability_finder, source=floquet_t())
       call read_stability(self%options%stability, document%optional_group("stability"), &
-                          is_patient=self%options%purpose%is_followed .and. self%system%tones%n_tones == 1)
+                          is_patient=self%options%purpose%is_followed .and. self%system%tones%n_tones <= 2)
       call read_output(self, document%optional_group("output"))
    end subroutine read_settings
 

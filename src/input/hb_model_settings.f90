@@ -162,7 +162,7 @@ contains
    subroutine read_stability(self, group, is_patient)
       type(stability_config_t), intent(inout) :: self
       type(properties_t), intent(inout) :: group
-      logical, intent(in) :: is_patient !! a motion with one tone is followed: its events need multipliers
+      logical, intent(in) :: is_patient !! a motion of one or two tones is followed: its events need multipliers
 
       if (is_patient) self%patience = much_patience
       call group%choose("method", self%method)

@@ -22,6 +22,7 @@ module hb_floquet
       stability_config_t, stability_finder_t, stability_method, stability_t, verdict, work_of_verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: certainty_factor, estimate_safety, negligible_share, rounding_level, small_share
+   use hb_torus_multipliers, only: find_torus_multipliers, has_torus_multipliers, tone_of_maps
    use hb_variation, only: min_work, new_variation, variation_t
    implicit none
    private
@@ -29,6 +30,7 @@ module hb_floquet
       work_on_demand
 
    real(wp), parameter :: error_of_map = 1.0e-8_wp                    ! of a derivative by differences of high order, relative
+   real(wp), parameter :: patience_of_points = 1.0_wp                 ! more is that of curves, which compare multipliers
    integer, parameter :: doublings_of_record = 4                      ! where its halves differ
 
    real(wp), parameter :: largest_surge = log(100.0_wp) ! a disturbance of 1 % grows to the size of the motion before it decays
@@ -395,18 +397,42 @@ contains
       real(wp), intent(in) :: limit                                   !! of the work [ns]
       type(linear_propagation_t) :: propagation
       type(stability_config_t) :: how
+      complex(wp), allocatable :: multipliers(:), shifts(:, :, :)
+      real(wp) :: error, work_left
 
       how = config
+      associate (motion => scaled%motion)
+         allocate (shifts, source=shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, &
+                                            free_motions(scaled%structure, scaled%laws)))
+      end associate
+      call new_linear_propagation(propagation, variation, shifts, how%tolerance)
+      if (config%patience > patience_of_points .and. .not. propagation%has_slow_phase .and. &
+          has_torus_multipliers(variation)) then
+         call find_torus_multipliers(variation, shifts, config%tolerance, min(limit, work_on_demand), multipliers, error)
+         if (allocated(multipliers)) call adopt_multipliers()
+         if (allocated(self%multipliers)) return
+      end if
+      work_left = limit                                               ! exponents serve no events: the work of a point
+      if (config%patience > patience_of_points) &
+         work_left = min(limit, max(share_of_stability/config%patience*limit, work_of_verdict(config%work_spent, least_work)))
+      if (limit >= huge(limit)) work_left = limit
       call plan_record()
       if (self%is_too_costly) return
       self%method = stability_method%integration
-      associate (motion => scaled%motion)
-         call new_linear_propagation(propagation, variation, shifts_of(variation, motion%amplitudes, motion%tones%is_unknown, &
-                                                            free_motions(scaled%structure, scaled%laws)), how%tolerance)
-      end associate
-      call assess_exponents(self, propagation, min(limit, work_on_demand), how)
+      call assess_exponents(self, propagation, min(work_left, work_on_demand), how)
 
    contains
+
+      !> Derives stability from multipliers, whose error is that of all.
+      subroutine adopt_multipliers()
+         if (size(multipliers) == 0) return
+         self%method = stability_method%integration
+         self%noise = error
+         associate (omega => scaled%motion%tones%omega(tone_of_maps(scaled%motion%tuples)))
+            call assess_multipliers(self, multipliers, omega)
+            self%estimate = error*omega/two_pi
+         end associate
+      end subroutine adopt_multipliers
 
       !> Makes the record as long as the beats of the motion require, and no longer than necessary if the limit is too low for more.
       subroutine plan_record()
@@ -417,12 +443,12 @@ contains
             how%min_periods = max(how%min_periods, necessary)
             how%max_periods = max(how%max_periods, doublings_of_record*necessary)
             work = work_of_exponents(work_of_period, how%min_periods)
-            if (work > limit .and. config%method == stability_method%auto) then
+            if (work > work_left .and. config%method == stability_method%auto) then
                how%min_periods = min(how%min_periods, max(few_periods, necessary))
                work = work_of_exponents(work_of_period, how%min_periods)
             end if
          end associate
-         self%is_too_costly = work > limit
+         self%is_too_costly = work > work_left
       end subroutine plan_record
    end subroutine assess_torus
 

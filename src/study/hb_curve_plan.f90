@@ -392,8 +392,8 @@ contains
       has_multipliers = curve_kinds(self%over%kind)%by == located_by%multipliers
       if (any(system%tones%is_unknown)) then
          text = "tones must be given"
-      else if (has_multipliers .and. system%tones%n_tones > 1) then
-         text = "period doublings and Neimark-Sacker points are located on curves of motions with one tone"
+      else if (has_multipliers .and. system%tones%n_tones > 2) then
+         text = "period doublings and Neimark-Sacker points are located on curves of motions with one or two tones"
       else if (has_multipliers .and. options%stability%method == stability_method%off) then
          text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
       else if (has_multipliers .and. .not. options%may_integrate) then

@@ -12,6 +12,7 @@ module hb_curve_request
    use hb_options, only: options_t
    use hb_point_kinds, only: curve_kind
    use hb_system, only: system_t
+   use hb_torus_multipliers, only: tone_of_maps
    use hb_tuple_choice, only: new_doubled_set
    implicit none
    private
@@ -89,14 +90,25 @@ contains
                                                reshape(position%unknowns(:n - n_further), [other%n_coefficients, n_coordinates])))
       associate (found => position%unknowns(n - n_further + 1:n - 1), value => position%unknowns(n), angle => position%angle)
          if (is_torus) then
+            self%angle = angle*ratio_to_first()
             first = system%tones%omega(1)
             if (system%tones%is_unknown(1)) first = found(1)
-            self%further = [found, angle/two_pi*first, value]
-            self%angle = angle
+            self%further = [found, self%angle/two_pi*first, value]
          else
             self%further = [0.5_wp*found, value]
          end if
       end associate
+
+   contains
+
+      !> Frequency of the tone over whose period the multipliers are, relative to that of the first.
+      pure real(wp) function ratio_to_first() result(ratio)
+         real(wp) :: omega(other%n_tones)
+
+         omega = system%tones%omega(:other%n_tones)
+         omega = unpack(position%unknowns(n - n_further + 1:n - 1), system%tones%is_unknown(:other%n_tones), omega)
+         ratio = omega(tone_of_maps(other%tuples))/omega(1)
+      end function ratio_to_first
    end subroutine new_curve_origin
 
    !> Tuples of the motion there among those of the other motions: with another tone, or of half the frequency.

@@ -181,7 +181,7 @@ contains
       integer, allocatable :: carrying(:)
 
       unlimited = config
-      unlimited%patience = 1.0_wp
+      unlimited%patience = max(1.0_wp, config%patience)
       call find_carrying(found%around%tuples, found%refined, small_share*max(found%truncation, found%aliasing), carrying)
       call request_stability(system, options, unlimited, &
                              harmonic_motion_t(found%around%tuples(:, carrying), tones, found%refined(:, carrying)), &
