@@ -407,7 +407,7 @@ contains
       end associate
       call new_linear_propagation(propagation, variation, shifts, how%tolerance)
       if (config%patience > patience_of_points .and. .not. propagation%has_slow_phase .and. &
-          has_torus_multipliers(variation)) then
+          has_torus_multipliers(variation) .and. (variation%is_smooth() .or. config%method /= stability_method%auto)) then
          call find_torus_multipliers(variation, shifts, config%tolerance, min(limit, work_on_demand), multipliers, error)
          if (allocated(multipliers)) call adopt_multipliers()
          if (allocated(self%multipliers)) return

@@ -57,7 +57,8 @@ contains
       tone = maxloc(maxval(abs(tuples), dim=2), dim=1)
    end function tone_of_maps
 
-   !> Finds the multipliers without those of given neutral disturbances; none if the samples at most do not make their error small, or the work would exceed its limit.
+   !> Finds the multipliers without those of given neutral disturbances; none if their error is not small on as many samples as
+   !> are permitted, or the work would exceed its limit.
    subroutine find_torus_multipliers(variation, neutral, tolerance, max_work, multipliers, error)
       type(variation_t), intent(inout) :: variation
       complex(wp), intent(in) :: neutral(:, :, :)                     !! series in both phases, (size, n_harmonics, any)
@@ -249,8 +250,7 @@ contains
       call sort_by_size(multipliers)
    end subroutine represent
 
-   !> By which k each of some disturbances has to be multiplied by exp(i k theta) to be another one, plus the number n of its terms; 0: by
-   !> none.
+   !> The k for which each of some disturbances, times exp(i k theta), is another one, plus the number n of its terms; 0: none.
    pure function match_of(families, other, multiplier, rho) result(shift)
       type(families_t), intent(in) :: families
       complex(wp), intent(in) :: other(:, :)                          !! (size, n), of norm 1

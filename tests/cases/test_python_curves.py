@@ -114,3 +114,17 @@ def test_a_curve_begins_between_its_ends():
     assert duffing().peak("x1", "tones[0]", 0.5, 2.5, **keys, first=0.7).at == pytest.approx(
         duffing().peak("x1", "tones[0]", 0.5, 2.5, **keys).at, rel=1e-8
     )
+
+
+def test_curves_of_two_tones_name_the_birth_of_a_third_one():
+    """Both exponents of a van der Pol oscillator are half the mean of its damping while they are those of a pair."""
+    model = Model(nhbm.Matrices(mass=[[1.0]], damping=[[0.0]], stiffness=[[1.0]], labels=["x1"]), tones=[2.23, 3.87])
+    model.load("x1", (1, 0), cos=8.0)
+    model.load("x1", (0, 1), cos=9.0)
+    model.law("van_der_pol", "x1", strength=0.1)
+    curve = model.curve("load(1)%cos", 6.0, 3.0, order=5)
+    (birth,) = np.flatnonzero(curve["curve_kind"] == "neimark_sacker")
+    exponents = curve["exponent"].values[:, :2]
+    assert exponents[birth] == pytest.approx([0.0, 0.0], abs=1e-8)
+    assert np.all(exponents[:birth] < 0.0) and np.all(exponents[birth + 1 :] > 0.0)
+    assert curve["n_unstable"].values[[birth - 1, birth + 1]].tolist() == [0, 2]
