@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from nhbm_post.reader import Results
 
-from curve_models import PENDING, SOLUTION, STOP, UNUSED, assert_same_bits
+from curve_models import FOLD, PENDING, SOLUTION, STOP, UNUSED, assert_same_bits
 from program import ALL_CONVERGED, read, run, solve
 
 
@@ -344,3 +344,35 @@ def test_points_that_time_integration_leaves_are_truncated(tmp_path):
     assert largest > 2e-3
     said = run("verify", path.name, "--points", str(left[-1]), cwd=tmp_path).stdout
     assert "differs from time integration" in said or "disagree" in said, said
+
+
+# `tests/campaigns/curves --seed 85301 --first 36`: a stop so stiff that the curve turns back at once behind first contact
+SHARP_FOLD = """
+&structure type='matrices', n_dofs=2, mass=1.8187039674721859, 0.14040093527729233, 0.14040093527729233, 1.3445448549749253,
+    stiffness=1.8944901193884942, -0.10675780958157434, -0.10675780958157434, 2.1225406250117005, damping_mass=0.0,
+    damping_stiffness=0.00644882495800511 /
+&tones frequency=2.190986194721853 /
+&accuracy tolerance=0.003 /
+&law type='elastic_stop', dof='x1', stiffness=1376.4301816178597, gap=0.003225119166284258, two_sided=.true. /
+&load dof='x2', tuple=1, cos=-0.9992397287189276, sin=-0.013529756297112833 /
+&load dof='x1', tuple=0, cos=-0.4126962195960133 /
+&curve parameter='tones%frequency', from=0.3997323855767849, to=2.298461217066513, points=30 /
+"""
+
+REGULAR_OR_START = (1, 2)
+
+
+def test_a_fold_that_a_change_of_the_set_has_behind_it_is_reported(tmp_path):
+    """Between rows of the curve whose tangents have different signs along the frequency is an odd number of folds."""
+    path = solve(SHARP_FOLD, tmp_path, status=None)
+    kind, direction, used = read(path, "curve_kind", "curve_direction", "curve_n_unknowns")
+    n_turns, n_folds, before = 0, 0, 0.0
+    for row in np.flatnonzero(kind > 0):
+        if kind[row] == FOLD:
+            n_folds += 1
+        elif kind[row] in REGULAR_OR_START and np.isfinite(rise := direction[row, used[row] - 1]):
+            if before * rise != 0.0:
+                assert n_folds % 2 == (before * rise < 0.0)
+                n_turns += n_folds % 2
+            before, n_folds = rise, 0
+    assert n_turns == 1

@@ -91,7 +91,7 @@ contains
       curve%last%step = dot_product((ending%path%x - state%path%x)/curve%units, state%path%direction/curve%units)
       curve%path_t = ending%path
       call find_events(followed, curve, state%at_point, ending%at_point, branches, found, is_lost)
-      position = position + curve%last%step
+      position = position + norm2((ending%path%x - state%path%x)/curve%units) ! around a fold the step may be negative
       found = pack(found, [(any(differing%is_at(found(i))), i=1, size(found))])
       do i = 1, size(found)
          found(i)%position = found(i)%position - position
