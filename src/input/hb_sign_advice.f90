@@ -3,9 +3,11 @@
 module hb_sign_advice
    use hb_advice, only: advice, advice_list_t
    use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
+   use hb_error, only: error_t
    use hb_kinds, only: wp
    use hb_lapack, only: dsygv
    use hb_law, only: law_t
+   use hb_modes, only: modes_t, new_modes
    use hb_numbers, only: number_t, numbered_t
    use hb_structure, only: structure_t
    use hb_system, only: slowest_of, system_t
@@ -18,6 +20,7 @@ module hb_sign_advice
    real(wp), parameter :: entry_rounding = 1.0e-11_wp                 ! of an entry, likewise: rigid body modes of a reduction
    integer, parameter :: n_shown = 4                                  ! digits of a number
    integer, parameter :: max_dofs = 100                               ! of a structure whose eigenvalues take milliseconds
+   integer, parameter :: max_dofs_with_damping = 20                   ! likewise, of a general problem of twice as many
 
 contains
 
@@ -44,11 +47,42 @@ contains
          call find_dissipative_part(system, dissipative)
          call advise_on_matrix(structure, "damping", damping, dissipative, &
                                [advice%negative_damping, advice%indefinite_damping], list)
+         call advise_on_modes(structure, list)
       end associate
       do i = 1, size(system%laws)
          call advise_on_law(system%laws(i)%law, list)
       end do
    end subroutine advise_on_signs
+
+   !> Names a mode that grows by an unsymmetric stiffness alone, and damping beyond the critical one in all modes.
+   subroutine advise_on_modes(structure, list)
+      type(structure_t), intent(in) :: structure
+      type(advice_list_t), intent(inout) :: list
+      type(modes_t) :: modes
+      type(error_t), allocatable :: error
+      real(wp), allocatable :: ratios(:)
+      integer :: i
+
+      if (structure%n_dofs > max_dofs_with_damping .or. allocated(structure%parts) .or. structure%depends_on_tuple()) return
+      if (.not. (allocated(structure%stiffness) .and. allocated(structure%damping))) return
+      associate (k => structure%stiffness, m => structure%mass)
+         if (.not. all([(m(i, i) > 0.0_wp .and. k(i, i) > 0.0_wp, i=1, structure%n_dofs)])) return
+         call new_modes(modes, m, structure%damping, k, error)
+         if (allocated(error)) return
+         if (modes%n_modes == 0) then
+            call list%add(advice%no_oscillation)
+            return
+         end if
+         if (.not. any(abs(k - transpose(k)) > value_rounding*maxval(abs(k)))) return
+      end associate
+      if (allocated(list%items)) then
+         if (any(list%items%number == advice%negative_damping .or. list%items%number == advice%indefinite_damping)) return
+      end if
+      ratios = -modes%growth/hypot(modes%growth, modes%frequency)
+      i = minloc(ratios, dim=1)
+      if (ratios(i) < -value_rounding) &
+         call list%add(advice%growing_mode, [rounded_to(modes%frequency(i), n_shown), rounded_to(ratios(i), n_shown)])
+   end subroutine advise_on_modes
 
    !> The damping without what stores or passes on energy, with equations multiplied so that forces are reciprocal: the voltage of a
    !> coil, whose force is in another matrix, and a gyrator in any units damp nothing. Not allocated for sparse matrices.

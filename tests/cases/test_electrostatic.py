@@ -52,7 +52,7 @@ def test_pull_in_is_named(tmp_path):
 
 
 def test_a_motion_that_does_not_persist_is_pull_in():
-    """Between two tones the balance has a motion beyond pull-in, with errors as large as itself: integrated, it reaches the plate."""
+    """Of two tones the balance has a motion beyond pull-in, with errors as large as itself; integrated, it reaches the plate."""
     voltages = 0.1875, 0.6
     static = np.sqrt(4 * K * GAP**3 / (27 * C))
     natural = np.sqrt(K)

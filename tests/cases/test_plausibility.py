@@ -1,6 +1,7 @@
 """The command says what is not plausible: stops that no motion reaches, gaps of a kilometre, tones far above or below all
 natural frequencies, signs that feed energy."""
 
+import numpy as np
 import pytest
 from program import ALL_CONVERGED, NOT_ALL_CONVERGED, run
 
@@ -91,6 +92,31 @@ def test_values_that_suggest_a_mistake(tmp_path):
     assert "see the warnings above" in said(MODEL.format(gap=1500.0), tmp_path, "check")
     checked = said(MODEL.format(gap=0.3), tmp_path, "check")
     assert "the input is valid" in checked and "0 MiB" not in checked
+
+
+TWO = """&structure type = 'matrices', n_dofs = 2, mass = 1.0, 0.4, damping = {damping}, stiffness = {stiffness} /
+&tones frequency = 1.4 /
+&harmonics order = 3 /
+&load dof = 'x1', tuple = 1, cos = 0.01 /
+"""
+
+
+def test_modes_that_grow_and_modes_that_do_not_oscillate(tmp_path):
+    """One wrong sign of a coupling; damping in another unit. The eigenvalues say whether the words are due."""
+    for stiffness, damping, words in (
+        ((3.0, -1.0, 1.0, 1.5), (0.05, 0.02), "a mode of "),
+        ((3.0, -1.0, -1.0, 1.5), (50.0, 20.0), "no mode of the structure oscillates"),
+        ((3.0, -0.1, 0.1, 1.5), (0.05, 0.02), ""),
+        ((3.0, -1.0, -1.0, 1.5), (0.05, 0.02), ""),
+    ):
+        k, c, m = np.reshape(stiffness, (2, 2)), np.diag(damping), np.diag((1.0, 0.4))
+        state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(m, k), -np.linalg.solve(m, c)]])
+        roots = np.linalg.eigvals(state)
+        assert (roots.real > 1e-9).any() == (words == "a mode of ")
+        assert (abs(roots.imag) > 1e-9).any() != words.startswith("no mode")
+        text = TWO.format(stiffness=", ".join(map(str, stiffness)), damping=", ".join(map(str, damping)))
+        told = said(text, tmp_path, verb="check")
+        assert [words for words in ("a mode of ", "no mode of the structure oscillates") if words in told] == [words] * bool(words)
 
 
 def test_what_can_be_meant_otherwise(tmp_path):
