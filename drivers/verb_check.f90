@@ -324,12 +324,19 @@ contains
          call say("natural     frequencies of a sector are not computed: they depend on the nodal diameter")
          return
       end if
+      if (allocated(structure%states)) then
+         call say("natural     frequencies of a structure with states of a feedback are not computed")
+         return
+      end if
       call find_natural_frequencies(structure, frequencies, lacks_gyroscopic)
       n = min(size(frequencies), most)
       note = ""
       if (n < size(frequencies)) note = "  (the "//to_text(n)//" lowest)"
       if (lacks_gyroscopic) note = note//"  (without gyroscopic terms)"
-      if (allocated(structure%parts)) note = note//"  (without &dynamic_stiffness)"
+      if (allocated(structure%parts)) then
+         if (.not. all(structure%parts%is_of_element)) note = note//"  (without &dynamic_stiffness)"
+         if (any(structure%parts%is_of_element)) note = note//"  (bearings as at the last frequency, no delayed feedback)"
+      end if
       if (size(frequencies) == 0) then
          call say("natural     frequencies are not known: some part has neither mass nor support")
       else

@@ -446,6 +446,8 @@ contains
          call list%add(advice%no_derivatives, [real(summary%counts(outcome%integrated), wp)])
       if (allocated(summary%law_findings)) call say("warning: "//summary%law_findings)
       call advise_on_inactive_laws(study%model%system, summary%is_inactive, list)
+      n = count(numbers_of(path, "is_beyond_tables") > 0)
+      if (n > 0) call list%add(advice%beyond_tables, [real(n, wp)])
       if (summary%n_near_commensurate > 0) call advise_on_tones(study, summary, list)
       call say_advice("warning: ", list)
       list = advice_list_t()

@@ -214,6 +214,8 @@ contains
          "1 if only odd tuples were unknowns, because the equations are odd", merge(1, 0, m%is_odd))
       call t%integer("n_full_stick", "1", "", &
          "number of friction laws that never slip: the solution for loading from rest, one of many", m%n_full_stick)
+      call t%integer("is_beyond_tables", "1", "", &
+         "1 if the motion has frequencies beyond a table, whose ends apply there", merge(1, 0, m%is_beyond_tables))
       call t%integer("n_motions", "1", "", &
          "number of motions found by time integration from several starts; 0: not tried", m%n_motions)
       call t%integer("is_integrated_first", "1", "", "1 if time integration was tried before the balance", merge(1, 0, &

@@ -53,9 +53,11 @@ contains
       if (group%given("label")) call group%get("label", label)        ! used by paths
       call check_label(group, label)
       call self%get_dof_keys(keys)
+      allocate (self%n_of_key(size(keys)))
       do i = 1, size(keys)
          call find_dofs(group, trim(keys(i)), structure, self%n_dofs(), dofs)
          if (.not. allocated(dofs)) return
+         self%n_of_key(i) = size(dofs)
          if (i > 1) dofs = [self%dofs, dofs]
          call move_alloc(dofs, self%dofs)
       end do

@@ -54,7 +54,7 @@ contains
       integer :: i
 
       call advise_on_tones(system, list)
-      call advise_on_signs(system, list)
+      if (.not. allocated(system%structure%states)) call advise_on_signs(system, list)
       if (allocated(system%structure%sets%coordinates) .and. allocated(system%law_groups)) call advise_on_pairs(system, list)
       call advise_on_coupling("stiffness", system%structure%stiffness, system%structure, list)
       call advise_on_coupling("damping", system%structure%damping, system%structure, list)
@@ -81,7 +81,7 @@ contains
       type(advice_list_t), intent(inout) :: list
       integer :: i, k
 
-      if (.not. allocated(matrix)) return
+      if (.not. allocated(matrix) .or. allocated(structure%states)) return
       do k = 1, size(matrix, 2)
          do i = 1, size(matrix, 1)
             if (abs(matrix(k, i)) > 0.0_wp .or. .not. abs(matrix(i, k)) > 0.0_wp) cycle
@@ -127,7 +127,7 @@ contains
       real(wp) :: fastest, highest, lowest
       logical :: lacks_gyroscopic
 
-      if (system%structure%n_dofs > max_dofs .or. allocated(system%structure%parts)) return
+      if (system%structure%n_dofs > max_dofs .or. allocated(system%structure%parts) .or. allocated(system%structure%states)) return
       if (all(system%tones%is_unknown)) return
       call find_natural_frequencies(system%structure, natural, lacks_gyroscopic)
       if (size(natural) == 0) return

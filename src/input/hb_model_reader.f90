@@ -234,16 +234,18 @@ contains
       type(error_t), allocatable, intent(out) :: error
       type(properties_t), pointer :: group
 
-      self%options%may_integrate = document%count("dynamic_stiffness") == 0 .and. .not. self%system%structure%depends_on_tuple()
+      self%options%may_integrate = .not. allocated(self%system%structure%parts)
       call read_tones(self%system%tones, document, error, may_be_absent=self%options%purpose%may_only_integrate)
       if (allocated(error)) return
-      if (document%count("normal_mode") > 0 .and. self%system%structure%depends_on_tuple()) then
+      if (document%count("normal_mode") > 0 .and. .not. self%options%may_integrate) then
          group => document%group("normal_mode", 1)
-         call group%problem_as_is(group%location()//": a sector has forced motions alone; leave out &normal_mode, or solve the "// &
-                                  "whole wheel")
-      else if (document%count("normal_mode") > 0 .and. .not. self%options%may_integrate) then
-         group => document%group("dynamic_stiffness", 1)
-         call group%problem("type", "a normal mode has no stiffness that depends on the frequency; leave out &normal_mode")
+         if (self%system%structure%depends_on_tuple()) then
+            call group%problem_as_is(group%location()//": a sector has forced motions alone; leave out &normal_mode, or solve "// &
+                                     "the whole wheel")
+         else
+            call group%problem_as_is(group%location()//": a normal mode has no stiffness that depends on the frequency; leave "// &
+                                     "out &normal_mode")
+         end if
       end if
       call check_sectors(self%system, document)
       call reject_unknown_tones(document, self%system%tones)
@@ -354,12 +356,13 @@ contains
       if (document%count("normal_mode") > 0) call read_normal_mode(self, document%optional_group("normal_mode"))
    end subroutine read_conditions
 
-   !> Reports what a key requests and a &dynamic_stiffness has no equations for.
+   !> Reports what a key requests and parts that depend on the frequency have no equations for.
    subroutine reject_integration(self, document)
       type(model_t), intent(in) :: self
       type(document_t), intent(inout), target :: document
       character(*), parameter :: reason = &
-         "'integration' is not available with &dynamic_stiffness or &sector, which are defined in the frequency domain only"
+         "'integration' is not available with &dynamic_stiffness, &sector, a delay of &feedback or frequencies of &bearing, "// &
+         "which are defined in the frequency domain only"
       type(properties_t), pointer :: group
 
       group => document%optional_group("solver")
@@ -415,7 +418,7 @@ contains
       end do
    end subroutine reject_harmonics
 
-   !> Reads `&structure`, and all `&bearing` and `&dynamic_stiffness` into it; `error` stops the reading.
+   !> Reads `&structure`, and all elements and `&dynamic_stiffness` into it; `error` stops the reading.
    subroutine read_whole_structure(self, document, error)
       type(model_t), intent(inout) :: self
       type(document_t), intent(inout), target :: document

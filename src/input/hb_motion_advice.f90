@@ -22,6 +22,7 @@ contains
       type(advice_list_t), intent(inout) :: list
 
       if (motion%n_full_stick > 0) call list%add(advice%full_stick)
+      if (motion%is_beyond_tables) call list%add(advice%beyond_tables, [1.0_wp])
       if (motion%stability%response%status > noise_status%known) call list%add(advice%unknown_noise, [1.0_wp])
       if (motion%reason == reason%unlocated .and. allocated(motion%message)) then
          call list%add(advice%outcome, a=motion%message)

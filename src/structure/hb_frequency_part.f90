@@ -1,5 +1,5 @@
-!> A part of a structure whose stiffness depends on the frequency: viscoelastic mounts, seals, controllers, delays; or on the
-!> tuple of the harmonic: the coupling of a sector to its neighbour in a travelling wave (hb_sector).
+!> A part of a structure whose stiffness depends on the frequency: viscoelastic mounts, seals, delays, coefficients of bearings
+!> (hb_bearing); or on the tuple of the harmonic: the coupling of a sector to its neighbour in a travelling wave (hb_sector).
 !>
 !> In a motion Re(c exp(i w t)) it responds to z = b.c with the force Z(w) z along a, so that it adds Z(w) a b^T to
 !> the dynamic stiffness of hb_dynamic_stiffness. Motions are real: Z(-w) = conj(Z(w)). Kinds: below and
@@ -19,6 +19,7 @@ module hb_frequency_part
       integer :: maxwell = 4                                          !! sum of k_j i w t_j/(1 + i w t_j)
       integer :: table = 5                                            !! storage + i loss, monotone cubics of |w|
       integer :: neighbour = 6                                        !! k exp(-i angle), the angle from sector to sector
+      integer :: coefficients = 7                                     !! k - w**2 m + i w d, monotone cubics of |w|
    end type kind_of_part_t
    type(kind_of_part_t), parameter :: kind_of_part = kind_of_part_t()
 
@@ -36,12 +37,15 @@ module hb_frequency_part
       real(wp), allocatable :: moduli(:), times(:)                    !! k_j [N/m], t_j [s]
       real(wp), allocatable :: frequencies(:)                         !! [rad/s] of a table, with the values there [N/m]:
       real(wp), allocatable :: storage_values(:), loss_values(:)
-      type(monotone_cubic_t) :: storage, loss                         !! [N/m] over |w| [rad/s]
+      integer :: n_curves = 0
+      type(monotone_cubic_t) :: curves(3)                             !! over |w| [rad/s]: storage and loss, or k, d and m
+      real(wp) :: known(2) = [0.0_wp, huge(1.0_wp)]                   !! frequencies of the table [rad/s]; beyond, its ends apply
       integer :: n_sectors = 0                                        !! of a neighbour
       integer, allocatable :: engine_orders(:)                        !! nodal diameter of each tone
       integer :: diameter = 0                                         !! of the present harmonic, see `set_tuple`
       integer :: copy = 0                                             !! degree of freedom that is one of the next sector
       logical :: is_of_previous = .false.                             !! the angle is that to the previous sector
+      logical :: is_of_element = .false.                              !! that adds it as often as the structure is built
    contains
       procedure :: declare_numbers => frequency_part_declare_numbers
       procedure :: derive => frequency_part_derive
@@ -100,13 +104,15 @@ contains
          self%acts(self%force_dofs) = self%force_weights
       end if
       if (self%kind /= kind_of_part%table) return
+      self%n_curves = 2
       associate (w => self%frequencies, storage => self%storage_values, loss => self%loss_values)
+         self%known = [w(1), w(size(w))]
          if (w(1) > 0.0_wp) then
-            call new_monotone_cubic(self%storage, [0.0_wp, w], [storage(1), storage], is_constant_beyond=.true.)
-            call new_monotone_cubic(self%loss, [0.0_wp, w], [0.0_wp, loss], is_constant_beyond=.true.)
+            call new_monotone_cubic(self%curves(1), [0.0_wp, w], [storage(1), storage], is_constant_beyond=.true.)
+            call new_monotone_cubic(self%curves(2), [0.0_wp, w], [0.0_wp, loss], is_constant_beyond=.true.)
          else
-            call new_monotone_cubic(self%storage, w, storage, is_constant_beyond=.true.)
-            call new_monotone_cubic(self%loss, w, loss, is_constant_beyond=.true.)
+            call new_monotone_cubic(self%curves(1), w, storage, is_constant_beyond=.true.)
+            call new_monotone_cubic(self%curves(2), w, loss, is_constant_beyond=.true.)
          end if
       end associate
    end subroutine frequency_part_derive
@@ -133,12 +139,15 @@ contains
       complex(wp), intent(out) :: dz_dw                               !! [N s/m]
       complex(wp), parameter :: i = (0.0_wp, 1.0_wp)
       complex(wp) :: turn
-      real(wp) :: by_w(2), value(2), w
+      real(wp) :: by_w(3), value(3), w
       integer :: j
 
       w = abs(frequency)
       z = 0.0_wp
       dz_dw = 0.0_wp
+      do j = 1, self%n_curves
+         call self%curves(j)%at(w, value(j), by_w(j))
+      end do
       select case (self%kind)
       case (kind_of_part%delay)
          turn = exp(-i*w*self%delay)
@@ -160,10 +169,11 @@ contains
             dz_dw = dz_dw + self%moduli(j)*i*self%times(j)*turn**2
          end do
       case (kind_of_part%table)
-         call self%storage%at(w, value(1), by_w(1))
-         call self%loss%at(w, value(2), by_w(2))
          z = cmplx(value(1), value(2), wp)
          dz_dw = cmplx(by_w(1), by_w(2), wp)
+      case (kind_of_part%coefficients)
+         z = cmplx(value(1) - w**2*value(3), w*value(2), wp)
+         dz_dw = cmplx(by_w(1) - w*(2.0_wp*value(3) + w*by_w(3)), value(2) + w*by_w(2), wp)
       case (kind_of_part%neighbour)
          w = merge(two_pi, -two_pi, self%is_of_previous)*self%diameter/self%n_sectors
          z = self%factor*self%stiffness*cmplx(cos(w), sin(w), wp)
@@ -176,8 +186,8 @@ contains
       dz_dw = -conjg(dz_dw)
    end subroutine frequency_part_evaluate
 
-   !> Z of a motion Re(c exp(s t)), and its derivative by s, for positive frequencies; where Z is known for steady motions alone, of
-   !> a table and a loss factor, to first order in the growth rate.
+   !> Z of a motion Re(c exp(s t)), and its derivative by s; where Z is known for steady motions alone, of tables and a loss factor,
+   !> to first order in the growth rate.
    pure subroutine frequency_part_evaluate_growing(self, s, z, dz_ds)
       class(frequency_part_t), intent(in) :: self
       complex(wp), intent(in) :: s                                    !! growth + i frequency [1/s]
@@ -212,11 +222,11 @@ contains
       dz_ds = self%factor*dz_ds
    end subroutine frequency_part_evaluate_growing
 
-   !> Whether Z is known for growing motions, as `evaluate_growing` needs it.
+   !> Whether Z is that of a stable part near the imaginary axis, as the count of exponents needs it (hb_hill): assumed of tables.
    elemental logical function frequency_part_is_known_growing(self) result(is_known)
       class(frequency_part_t), intent(in) :: self
 
-      is_known = any(self%kind == [kind_of_part%delay, kind_of_part%maxwell, kind_of_part%neighbour])
+      is_known = .not. any(self%kind == [kind_of_part%fractional, kind_of_part%loss_factor])
    end function frequency_part_is_known_growing
 
    !> Sets the nodal diameter of a harmonic, sum of j_m times the engine order of tone m, from 0 to n_sectors - 1: the amplitude of
@@ -236,6 +246,7 @@ contains
    !> Whether two parts are equal, number by number.
    pure logical function frequency_part_equals(self, other) result(is_same)
       class(frequency_part_t), intent(in) :: self, other
+      integer :: i
 
       is_same = self%kind == other%kind
       if (is_same) is_same = all(self%acts == other%acts) .and. all(self%feels == other%feels) .and. &
@@ -250,10 +261,17 @@ contains
       case (kind_of_part%maxwell)
          is_same = size(self%moduli) == size(other%moduli)
          if (is_same) is_same = all(self%moduli == other%moduli) .and. all(self%times == other%times)
-      case (kind_of_part%table)
-         is_same = size(self%storage%nodes) == size(other%storage%nodes)
-         if (is_same) is_same = all(self%storage%nodes == other%storage%nodes) .and. &
-                                all(self%storage%values == other%storage%values) .and. all(self%loss%values == other%loss%values)
+      case (kind_of_part%table, kind_of_part%coefficients)
+         is_same = all([(are_equal(self%curves(i), other%curves(i)), i=1, self%n_curves)])
       end select
+
+   contains
+
+      pure logical function are_equal(curve, other)
+         type(monotone_cubic_t), intent(in) :: curve, other
+
+         are_equal = size(curve%nodes) == size(other%nodes)
+         if (are_equal) are_equal = all(curve%nodes == other%nodes) .and. all(curve%values == other%values)
+      end function are_equal
    end function frequency_part_equals
 end module hb_frequency_part

@@ -10,10 +10,9 @@ module hb_sector
    use hb_kinds, only: wp
    use hb_numbers, only: numbers_t
    use hb_problems, only: problems_t
-   use hb_sparse, only: sparse_from_entries, sparse_sum, sparse_t
-   use hb_structure, only: label_length, structure_t
+   use hb_sparse, only: sparse_from_entries, sparse_sum
+   use hb_structure, only: structure_t
    use hb_structure_element, only: dof_key_length, structure_element_t
-   use hb_text, only: to_text
    implicit none
    private
    public :: sector_t
@@ -120,8 +119,7 @@ contains
             parts(2*i) = part_between([originals(i)], [copies(i), n + i], .true.)
          end do
       end associate
-      if (allocated(structure%parts)) parts = [structure%parts, parts]
-      call move_alloc(parts, structure%parts)
+      call structure%add_parts(parts)
 
    contains
 
@@ -132,6 +130,7 @@ contains
          type(frequency_part_t) :: part
 
          part%kind = kind_of_part%neighbour
+         part%is_of_element = .true.
          part%n_sectors = self%n_sectors
          allocate (part%engine_orders, source=self%engine_orders)
          part%is_of_previous = is_of_previous
@@ -143,75 +142,30 @@ contains
       end function part_between
    end subroutine sector_add_to
 
-   !> Appends the multipliers to a structure.
+   !> Adds the multipliers of copies to a structure, and springs between copies and originals.
    subroutine add_links(structure, originals, copies, scales)
       type(structure_t), intent(inout) :: structure
       integer, intent(in) :: originals(:), copies(:)                  !! degrees of freedom
       real(wp), intent(in) :: scales(:)                               !! stiffness between a multiplier and its copy [N/m]
-      character(label_length), allocatable :: labels(:)
-      integer :: i, n, n_all
+      integer :: i, n
 
       n = structure%n_dofs
-      n_all = n + size(copies)
-      allocate (labels(n_all))
-      labels(:n) = structure%labels
-      do i = 1, size(copies)
-         labels(n + i) = free_label(i)
-      end do
-      call move_alloc(labels, structure%labels)
-      structure%units = [structure%units, structure%units(copies)]
-      structure%n_dofs = n_all
+      call structure%append_dofs("link", structure%units(copies))
       if (allocated(structure%sparse)) then
-         associate (s => structure%sparse, links => [(n + i, i=1, size(copies))])
-            s%mass = widened(s%mass)
-            s%damping = widened(s%damping)
-            s%stiffness = sparse_sum(1.0_wp, widened(s%stiffness), 1.0_wp, &
-                                     sparse_from_entries(n_all, [links, copies, copies, originals], &
-                                                         [copies, links, copies, originals], [scales, scales, scales, scales]))
+         associate (links => [(n + i, i=1, size(copies))])
+            structure%sparse%stiffness = sparse_sum(1.0_wp, structure%sparse%stiffness, 1.0_wp, &
+                                                    sparse_from_entries(structure%n_dofs, [links, copies, copies, originals], &
+                                                                        [copies, links, copies, originals], &
+                                                                        [scales, scales, scales, scales]))
          end associate
          return
       end if
-      call widen(structure%mass)
-      call widen(structure%damping)
-      call widen(structure%stiffness)
       do i = 1, size(copies)
          structure%stiffness(n + i, copies(i)) = scales(i)
          structure%stiffness(copies(i), n + i) = scales(i)
          structure%stiffness(copies(i), copies(i)) = structure%stiffness(copies(i), copies(i)) + scales(i)
          structure%stiffness(originals(i), originals(i)) = structure%stiffness(originals(i), originals(i)) + scales(i)
       end do
-
-   contains
-
-      !> Label of multiplier i that no degree of freedom has.
-      function free_label(i) result(label)
-         integer, intent(in) :: i
-         character(label_length) :: label
-
-         label = "link"//to_text(i)
-         do while (any(structure%labels == label))
-            label = trim(label)//"_"
-         end do
-      end function free_label
-
-      subroutine widen(matrix)
-         real(wp), allocatable, intent(inout) :: matrix(:, :)
-         real(wp), allocatable :: wider(:, :)
-
-         allocate (wider(n_all, n_all), source=0.0_wp)
-         wider(:n, :n) = matrix
-         call move_alloc(wider, matrix)
-      end subroutine widen
-
-      function widened(matrix) result(wider)
-         type(sparse_t), intent(in) :: matrix
-         type(sparse_t) :: wider
-
-         wider = matrix
-         wider%n_rows = n_all
-         wider%n_columns = n_all
-         wider%first = [matrix%first, spread(matrix%first(n + 1), 1, n_all - n)]
-      end function widened
    end subroutine add_links
 
    !> The degrees of freedom of copies and originals on which laws act both, and their multipliers: where both are unknowns, the

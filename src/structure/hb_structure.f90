@@ -12,6 +12,7 @@ module hb_structure
    use hb_sparse, only: sparse_sum, sparse_t, sparse_transpose
    use hb_structure_checks, only: check_finite, check_mass, check_names, check_sizes, check_sparse_mass, label_length, unit_length
    use hb_text, only: join, parse_integer, to_text
+   use hb_thresholds, only: negligible_share
    implicit none
    private
    public :: check_memory_of_structure, label_length, max_dense, max_dofs, max_sparse_dofs, new_structure, structure_t, unit_length
@@ -32,6 +33,7 @@ module hb_structure
       real(wp), allocatable :: stiffness(:, :)               !! [N/m], (n_dofs, n_dofs)
       class(sparse_matrices_t), allocatable :: sparse        !! instead of these three matrices, for many dofs
       type(frequency_part_t), allocatable :: parts(:)        !! with frequency-dependent stiffness, in addition to the matrices
+      integer, allocatable :: states(:)                      !! degrees of freedom that are states of a feedback, or not allocated
       character(label_length), allocatable :: labels(:)      !! (n_dofs), unique, such as `v3`
       character(unit_length), allocatable :: units(:)        !! (n_dofs), of the coordinate: `m`, `rad`
       type(node_sets_t) :: sets                              !! names for many degrees of freedom; of models only
@@ -40,6 +42,8 @@ module hb_structure
       character(:), allocatable :: model_file                !! file from which it was read; otherwise not allocated
       character(:), allocatable :: origin !! the model from which it was read and its fingerprint; otherwise not allocated
    contains
+      procedure :: add_parts => structure_add_parts
+      procedure :: append_dofs => structure_append_dofs
       procedure :: change_from => structure_change_from
       procedure :: set_tuple => structure_set_tuple
       procedure :: transposed => structure_transposed
@@ -53,6 +57,7 @@ module hb_structure
       procedure :: find_dof => structure_find_dof
       procedure :: find_dofs => structure_find_dofs
       procedure :: has_matrices_of => structure_has_matrices_of
+      procedure :: is_beyond_tables => structure_is_beyond_tables
       procedure :: mass_times => structure_mass_times
       procedure :: unpack => structure_unpack
       procedure :: work_in_parts => structure_work_in_parts
@@ -333,6 +338,107 @@ contains
       end do
    end function structure_work_in_parts
 
+   !> Whether a motion has frequencies beyond those of tables of parts, at the coordinates of which it moves: the ends apply there.
+   pure logical function structure_is_beyond_tables(self, c, frequencies) result(is_beyond)
+      class(structure_t), intent(in) :: self
+      complex(wp), intent(in) :: c(:, :)                              !! a - i b [m], (n_dofs, n_harmonics)
+      real(wp), intent(in) :: frequencies(:)                          !! [rad/s], (n_harmonics)
+      real(wp) :: motion(size(frequencies))
+      integer :: i
+
+      is_beyond = .false.
+      if (.not. allocated(self%parts)) return
+      do i = 1, size(self%parts)
+         associate (part => self%parts(i))
+            if (part%n_curves == 0) cycle
+            motion = abs(matmul(part%feels, c))
+            is_beyond = is_beyond .or. any(motion > negligible_share*maxval(motion) .and. &
+                                           (abs(frequencies) < part%known(1) .or. abs(frequencies) > part%known(2)))
+         end associate
+      end do
+   end function structure_is_beyond_tables
+
+   !> Adds parts of elements.
+   pure subroutine structure_add_parts(self, parts)
+      class(structure_t), intent(inout) :: self
+      type(frequency_part_t), intent(in) :: parts(:)
+      type(frequency_part_t), allocatable :: all_parts(:)
+
+      if (allocated(self%parts)) then
+         allocate (all_parts, source=[self%parts, parts])
+      else
+         allocate (all_parts, source=parts)
+      end if
+      call move_alloc(all_parts, self%parts)
+   end subroutine structure_add_parts
+
+   !> Appends degrees of freedom without mass, damping and stiffness, with labels that begin with a word.
+   subroutine structure_append_dofs(self, word, units)
+      class(structure_t), intent(inout) :: self
+      character(*), intent(in) :: word
+      character(*), intent(in) :: units(:)                            !! one for each
+      character(label_length), allocatable :: labels(:)
+      real(wp), allocatable :: none(:)
+      integer :: i, n, n_all
+
+      n = self%n_dofs
+      n_all = n + size(units)
+      allocate (none(size(units)), source=0.0_wp)
+      allocate (labels(n_all))
+      labels(:n) = self%labels
+      do i = 1, size(units)
+         labels(n + i) = free_label(i)
+      end do
+      call move_alloc(labels, self%labels)
+      self%units = [character(unit_length) :: self%units, units]
+      self%n_dofs = n_all
+      if (allocated(self%parts)) then
+         do i = 1, size(self%parts)
+            self%parts(i)%acts = [self%parts(i)%acts, none]
+            self%parts(i)%feels = [self%parts(i)%feels, none]
+         end do
+      end if
+      if (allocated(self%sparse)) then
+         call widen_sparse(self%sparse%mass)
+         call widen_sparse(self%sparse%damping)
+         call widen_sparse(self%sparse%stiffness)
+      else
+         call widen(self%mass)
+         call widen(self%damping)
+         call widen(self%stiffness)
+      end if
+
+   contains
+
+      !> Label of number i that no degree of freedom has.
+      function free_label(i) result(label)
+         integer, intent(in) :: i
+         character(label_length) :: label
+
+         label = word//to_text(i)
+         do while (any(labels(:n + i - 1) == label))
+            label = trim(label)//"_"
+         end do
+      end function free_label
+
+      subroutine widen(matrix)
+         real(wp), allocatable, intent(inout) :: matrix(:, :)
+         real(wp), allocatable :: wider(:, :)
+
+         allocate (wider(n_all, n_all), source=0.0_wp)
+         wider(:n, :n) = matrix
+         call move_alloc(wider, matrix)
+      end subroutine widen
+
+      subroutine widen_sparse(matrix)
+         type(sparse_t), intent(inout) :: matrix
+
+         matrix%n_rows = n_all
+         matrix%n_columns = n_all
+         matrix%first = [matrix%first, spread(matrix%first(n + 1), 1, n_all - n)]
+      end subroutine widen_sparse
+   end subroutine structure_append_dofs
+
    !> Whether the dynamic stiffness of a harmonic depends on its tuple, as that of a sector does.
    pure logical function structure_depends_on_tuple(self) result(depends)
       class(structure_t), intent(in) :: self
@@ -357,7 +463,14 @@ contains
       if (self%depends_on_tuple()) then
          call fail(error, what//" needs equations in time; a sector has none: solve the whole wheel")
       else if (allocated(self%parts)) then
-         call fail(error, what//" needs equations in time; a dynamic stiffness has none")
+         if (.not. all(self%parts%is_of_element)) then
+            call fail(error, what//" needs equations in time; a dynamic stiffness has none")
+         else if (any(self%parts%kind == kind_of_part%coefficients)) then
+            call fail(error, what//" needs equations in time; a table over frequencies has none: replace it by a "// &
+                      "feedback with states that fit it")
+         else
+            call fail(error, what//" needs equations in time; a delayed feedback has none")
+         end if
       end if
    end subroutine structure_check_matrices
 

@@ -10,10 +10,11 @@ module hb_structure_element
    private
    public :: dof_key_length, element_box_t, structure_element_t
 
-   integer, parameter :: dof_key_length = 4
+   integer, parameter :: dof_key_length = 9
 
    type, extends(numbered_t), abstract :: structure_element_t
-      integer, allocatable :: dofs(:)                                 !! degrees of freedom at which it is, different ones
+      integer, allocatable :: dofs(:)                                 !! degrees of freedom at which it is, key by key
+      integer, allocatable :: n_of_key(:)                             !! how many each key names
    contains
       procedure(add_element), deferred :: add_to
       procedure :: n_dofs => structure_element_n_dofs
@@ -21,7 +22,7 @@ module hb_structure_element
       procedure :: wanted_dofs => structure_element_wanted_dofs
       procedure :: n_tones => structure_element_n_tones
       procedure :: check => structure_element_check
-      procedure, non_overridable :: add_matrices => structure_element_add_matrices
+      procedure, nopass :: add_matrices => structure_element_add_matrices
    end type structure_element_t
 
    abstract interface
@@ -80,25 +81,23 @@ contains
       class(problems_t), intent(inout) :: problems
    end subroutine structure_element_check
 
-   !> Adds matrices between the degrees of freedom of the element to those of a structure.
-   subroutine structure_element_add_matrices(self, structure, stiffness, damping, mass)
-      class(structure_element_t), intent(in) :: self
+   !> Adds matrices between different degrees of freedom to those of a structure.
+   subroutine structure_element_add_matrices(structure, dofs, stiffness, damping, mass)
       type(structure_t), intent(inout) :: structure
+      integer, intent(in) :: dofs(:)
       real(wp), intent(in) :: stiffness(:, :), damping(:, :)          !! [N/m], [N s/m], (n_dofs, n_dofs)
       real(wp), intent(in), optional :: mass(:, :)                    !! [kg], likewise: symmetric, positive semidefinite
 
       if (allocated(structure%sparse)) then
          associate (s => structure%sparse)
-            call add_entries(s%stiffness, self%dofs, stiffness)
-            call add_entries(s%damping, self%dofs, damping)
-            if (present(mass)) call add_entries(s%mass, self%dofs, mass)
+            call add_entries(s%stiffness, dofs, stiffness)
+            call add_entries(s%damping, dofs, damping)
+            if (present(mass)) call add_entries(s%mass, dofs, mass)
          end associate
       else
-         associate (dofs => self%dofs)
-            structure%stiffness(dofs, dofs) = structure%stiffness(dofs, dofs) + stiffness
-            structure%damping(dofs, dofs) = structure%damping(dofs, dofs) + damping
-            if (present(mass)) structure%mass(dofs, dofs) = structure%mass(dofs, dofs) + mass
-         end associate
+         structure%stiffness(dofs, dofs) = structure%stiffness(dofs, dofs) + stiffness
+         structure%damping(dofs, dofs) = structure%damping(dofs, dofs) + damping
+         if (present(mass)) structure%mass(dofs, dofs) = structure%mass(dofs, dofs) + mass
       end if
    end subroutine structure_element_add_matrices
 

@@ -398,7 +398,7 @@ contains
          text = "period doublings and Neimark-Sacker points are located by the multipliers that &stability finds"
       else if (has_multipliers .and. .not. options%may_integrate) then
          text = "period doublings and Neimark-Sacker points are located by multipliers, which are not known with a "// &
-                "&dynamic_stiffness or a &sector"
+                "&dynamic_stiffness, a &sector, a delay of &feedback or frequencies of a &bearing"
       else if (.not. document%is_real(self%over_parameter)) then
          text = not_real
       end if

@@ -5,7 +5,6 @@
 module hb_model_numbers
    use hb_discretisation, only: discretisation_t, symmetry
    use hb_error, only: error_t, fail
-   use hb_frequency_part, only: kind_of_part
    use hb_kinds, only: two_pi, wp
    use hb_law, only: law_box_t
    use hb_memory_estimate, only: check_memory, sizes_of
@@ -242,7 +241,7 @@ contains
       if (.not. allocated(self%system%structure%parts)) return
       associate (parts => self%system%structure%parts)
          if (allocated(structure%parts)) then                         ! elements have made theirs
-            structure%parts = [pack(parts, parts%kind /= kind_of_part%neighbour), structure%parts]
+            structure%parts = [pack(parts, .not. parts%is_of_element), structure%parts]
          else
             structure%parts = parts
          end if

@@ -4,6 +4,7 @@ module hb_system
    use hb_contact_parts, only: contact_parts_t
    use hb_coordinates, only: coordinates_t
    use hb_error, only: error_t, fail
+   use hb_frequency_part, only: frequency_part_t                      ! gfortran 12 cannot write the module without it
    use hb_harmonics, only: harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: hold_t, law_box_t
@@ -164,7 +165,8 @@ contains
       if (allocated(self%phase_dofs)) dofs = self%phase_dofs
       if (self%normal_mode%is_requested .and. .not. self%normal_mode%has_energy) dofs = [dofs, self%normal_mode%dof]
       if (allocated(self%kept_dofs)) dofs = [dofs, self%kept_dofs]
-      if (.not. (allocated(self%elements) .and. self%structure%depends_on_tuple())) return
+      if (.not. (self%structure%depends_on_tuple() .or. allocated(self%structure%states))) return
+      if (.not. allocated(self%elements)) return
       is_used = spread(.false., 1, self%structure%n_dofs)
       is_used(dofs) = .true.
       do i = 1, size(self%laws)

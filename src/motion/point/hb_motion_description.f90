@@ -64,6 +64,7 @@ contains
          allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
          call balance%all_dofs(u, c)
          call store_motion(options, discretisation%harmonics, basis%harmonics, c, result)
+         result%is_beyond_tables = system%structure%is_beyond_tables(c, basis%harmonics%frequencies(balance%omega))
          call store_forces(discretisation%harmonics, basis, balance, u, result, error)
          if (allocated(error)) return
          if (options%error_estimate%is_on .and. result%status == outcome%converged) then

@@ -198,6 +198,7 @@ contains
       allocate (c(system%structure%n_dofs, basis%harmonics%n_harmonics))
       call stiffness%recover(at_laws, c)
       call store_motion(options, discretisation%harmonics, basis%harmonics, c, result)
+      result%is_beyond_tables = system%structure%is_beyond_tables(c, basis%harmonics%frequencies(system%tones%omega))
       allocate (result%force_coefficients(2, discretisation%harmonics%n_harmonics, 0))
       allocate (result%corrected_coefficients(2, discretisation%harmonics%n_harmonics, 0))
       result%status = outcome%converged

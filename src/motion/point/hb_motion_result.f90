@@ -80,6 +80,7 @@ module hb_motion_result
       integer :: n_full_stick = 0                       !! friction laws that slip nowhere: one of many solutions
       type(error_estimate_t) :: error_estimate                !! zero and without combination if none was computed
       logical :: is_near_commensurate = .false.
+      logical :: is_beyond_tables = .false.             !! its frequencies, those of parts: values at their ends apply
       type(stability_t) :: stability
       type(gradient_t) :: gradient                      !! if it was requested
       real(wp), allocatable :: displacement_samples(:, :) !! (n_samples_total, n_law_dofs), tone 1 fastest

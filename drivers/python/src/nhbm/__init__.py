@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # static checks know the types of what is imported later
     from nhbm.fitting import Fit as Fit
     from nhbm.fitting import compare_fits as compare_fits
     from nhbm.fitting import fit as fit
+    from nhbm.importing import import_rotor as import_rotor
     from nhbm.importing import import_structure as import_structure
     from nhbm.keys import input_keys as input_keys
     from nhbm.laws import Step as Step
@@ -43,8 +44,8 @@ _LATER = {  # what needs NumPy and more is imported at the first use
     "Fit": "fitting", "compare_fits": "fitting", "fit": "fitting",
     "Beam": "builders", "Chain": "builders",
     "Jeffcott": "builders", "Matrices": "builders", "ModalBeam": "builders", "RotorStator": "builders", "Rotor": "rotors",
-    "Session": "session", "Structure": "structure", "import_structure": "importing", "input_keys": "keys",
-    "read_uff": "universal_files",
+    "Session": "session", "Structure": "structure", "import_rotor": "importing", "import_structure": "importing",
+    "input_keys": "keys", "read_uff": "universal_files",
 }  # fmt: skip
 __all__ = ["ModelError", "__version__", *_LATER]
 

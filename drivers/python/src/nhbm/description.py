@@ -427,26 +427,58 @@ class Description(Laws):
         self._add("initial", keys)
 
     @exclusive
-    def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, mass: Any = None,
-                **keys: Any) -> None:  # fmt: skip
-        """Adds a bearing, or a seal, with tabulated coefficients to the structure.
+    def bearing(self, dofs: Iterable[str], speeds: Any, stiffness: Any, damping: Any = None, mass: Any = None, *,
+                frequencies: Any = None, **keys: Any) -> None:  # fmt: skip
+        """Adds a bearing, a seal or a foundation with tabulated coefficients to the structure.
 
         Parameters
         ----------
         dofs : iterable of str
             Directions x and y.
-        speeds : sequence of float
-            Speeds of the rows of the tables [rad/s].
+        speeds : sequence of float or None
+            Speeds of the rows of the tables [rad/s]; None for tables over the frequency alone.
         stiffness, damping : array_like
-            k_xx, k_xy, k_yx, k_yy [N/m], likewise the damping [N s/m], (n_speeds, 4).
+            k_xx, k_xy, k_yx, k_yy [N/m], likewise the damping [N s/m], (n_speeds, 4), (n_frequencies, 4), or both:
+            (n_speeds, n_frequencies, 4).
         mass : array_like, optional
-            m_xx, m_xy, m_yy [kg], (n_speeds, 3).
+            m_xx, m_xy, m_yy [kg], likewise (..., 3).
+        frequencies : sequence of float, optional
+            Frequencies of the motion (of the whirl) for which the tables have rows [rad/s].
         **keys
             `speed` [rad/s], the current speed, for ``model.tie("bearing(1)%speed", "tones[0]")``, and `label`.
         """
-        tables = {"speeds": speeds, "stiffness": stiffness, "damping": damping, "mass": mass}
+        tables = {"speeds": speeds, "frequencies": frequencies, "stiffness": stiffness, "damping": damping, "mass": mass}
         values = {name: numbers_of(name, table) for name, table in tables.items() if table is not None}
         self._add("bearing", {"dofs": list(dofs), **values, **keys})
+
+    @exclusive
+    def feedback(self, sensors: Iterable[str], actuators: Iterable[str], a: Any = None, b: Any = None, c: Any = None, d: Any = None,
+                 e: Any = None, delay: float | None = None, **keys: Any) -> None:  # fmt: skip
+        """Adds a linear controller, as of a magnetic bearing: x' = A x + B z, f = C x + D z + E z' with the displacements z.
+
+        The forces are on the left-hand side of the equations of motion, as that of a spring: a controller whose output acts on
+        the structure has -C, -D and -E.
+
+        Parameters
+        ----------
+        sensors, actuators : iterable of str
+            Degrees of freedom that are measured, and those on which the forces act.
+        a, b, c : array_like, optional
+            A [1/s], (n_states, n_states); B (n_states, n_sensors); C (n_actuators, n_states). The states are `state1`, ...
+        d, e : array_like, optional
+            Stiffness D [N/m] and damping E [N s/m], (n_actuators, n_sensors).
+        delay : float, optional
+            Of the forces [s].
+        **keys
+            `label`.
+        """
+        matrices = {"a": a, "b": b, "c": c, "d": d, "e": e}
+        values: dict[str, Any] = {name: numbers_of(name, matrix) for name, matrix in matrices.items() if matrix is not None}
+        if delay is not None:
+            values["delay"] = delay
+        if a is not None:
+            values["n_states"] = len(np.atleast_1d(np.asarray(a)))
+        self._add("feedback", {"sensors": list(sensors), "actuators": list(actuators), **values, **keys})
 
     @exclusive
     def sector(self, n_sectors: int, engine_orders: Any, low: Iterable[str], high: Iterable[str], **keys: Any) -> None:

@@ -9,7 +9,7 @@ import zipfile
 import zlib
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.io
@@ -20,6 +20,9 @@ from nhbm.errors import ModelError, among
 from nhbm.mesh import DIRECTIONS
 from nhbm.meshes import add_mesh, name_frames
 from nhbm.structure import MATRICES, Structure, check_labels
+
+if TYPE_CHECKING:
+    from nhbm.model import Model
 
 ANGLES = ("rx", "ry", "rz")
 OPTIONS = ("calculix", "abaqus", "nastran", "ansys", "substructure", "op4", "matlab", "ross", "labels", "mesh", "in_order",
@@ -119,7 +122,12 @@ def _from_ansys(path: Any, more: dict[str, Any]) -> Structure:
 def _from_ross(rotor: Any, speed: float | None, frequency: float | None, more: dict[str, Any]) -> Structure:
     from nhbm import ross_rotors
 
-    found, rows, positions = ross_rotors.read_rotor(rotor, speed, frequency)
+    return _shaft_of_ross(rotor, *ross_rotors.read_rotor(rotor, speed, frequency), more)
+
+
+def _shaft_of_ross(
+    rotor: Any, found: dict[str, Any], rows: list[tuple[int, str]], positions: Any, more: dict[str, Any]
+) -> Structure:
     labels = [f"n{node}.{direction}" for node, direction in rows]
     source = f"ROSS: {rotor}" if isinstance(rotor, (str, Path)) else "ROSS"
     model = Structure(**found, **nodes_of_labels(labels), source=source, **more)
@@ -129,6 +137,29 @@ def _from_ross(rotor: Any, speed: float | None, frequency: float | None, more: d
     order = np.argsort(positions[:, 2], kind="stable")
     model.cell_nodes = np.column_stack([order[:-1], order[1:]]).ravel()
     return model
+
+
+def import_rotor(ross: Any, speed: float, **groups: Any) -> Model:
+    """The model of a Rotor of ROSS, or of its file (.toml), at a speed [rad/s] that is its tone 1: bearings and seals keep their
+    tables over speed and frequency of the whirl (`&bearing`), and these and gyroscopic terms follow the tone along curves.
+
+    Between the rows of tables the monotone cubics of `&bearing` apply, not those of ROSS. groups: of `nhbm.Model`."""
+    from nhbm import ross_rotors
+    from nhbm.model import Model
+
+    found, rows, positions, bearings = ross_rotors.read_tables(ross)
+    structure = _shaft_of_ross(ross, found, rows, positions, {})
+    structure.validate()
+    made = Model(structure, tones=[speed], **groups)
+    made.set("structure", speed=[speed])
+    made.tie("structure.speed[0]", "tones[0]")
+    for i, bearing in enumerate(bearings):
+        follows = bearing["speeds"] is not None
+        keys: dict[str, Any] = {"speed": speed} if follows else {}
+        made.bearing(**bearing, **keys)
+        if follows:
+            made.tie(f"bearing({i + 1})%speed", "tones[0]")
+    return made
 
 
 def _with_labels(read: dict[str, Any], names: list[str] | None, source: str, more: dict[str, Any]) -> Structure:

@@ -41,14 +41,23 @@ class _Shaft:
 
 @dataclass
 class _Table:
-    """A bearing with coefficients over the speed, rows of k_xx, k_xy, k_yx, k_yy [N/m], and likewise damping [N s/m]."""
+    """A bearing with coefficients over speed and frequency, rows of k_xx, k_xy, k_yx, k_yy [N/m], and likewise damping [N s/m]."""
 
     name: str
     node: int
     speed: int  # number of the speed of its shaft
-    speeds: np.ndarray  # [rad/s], (n_speeds)
-    stiffness: np.ndarray  # (n_speeds, 4)
+    speeds: np.ndarray | None  # [rad/s], (n_speeds)
+    frequencies: np.ndarray | None  # of the whirl [rad/s], (n_frequencies)
+    stiffness: np.ndarray  # (n_speeds, n_frequencies, 4), 1 where there is no axis
     damping: np.ndarray
+
+    def at(self, name: str, speed: float, frequency: float) -> np.ndarray:
+        """Stiffness or damping at a speed and a frequency, (4)."""
+        values = getattr(self, name)
+        for axis, x in ((self.speeds, speed), (self.frequencies, frequency)):
+            flat = values.reshape(len(values), -1)
+            values = (flat[0] if axis is None else _monotone_cubic(axis, flat, x)).reshape(values.shape[1:])
+        return np.asarray(values)
 
 
 class Rotor:
@@ -124,19 +133,18 @@ class Rotor:
         self._add(_by_speed("gyroscopic_by_speed", found.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
 
-    def bearing(self, z: float, stiffness: Any, damping: Any = 0.0, *, speeds: Any = None, shaft: str | None = None) -> None:
+    def bearing(self, z: float, stiffness: Any, damping: Any = 0.0, *, speeds: Any = None, frequencies: Any = None,
+                shaft: str | None = None) -> None:  # fmt: skip
         """Supports the node nearest to z [m]: stiffness [N/m] and damping [N s/m], one number or a matrix over x and y, or for
-        each of `speeds` [rad/s] a number, such a matrix, or k_xx, k_xy, k_yx, k_yy, between which a monotone cubic interpolates
-        (docs/user/input.md, &bearing); set `bearing1`, ..."""
+        each of `speeds` [rad/s], or of `frequencies` of the whirl [rad/s], or for each of both, a number, such a matrix, or k_xx,
+        k_xy, k_yx, k_yy, between which monotone cubics interpolate (docs/user/input.md, &bearing); set `bearing1`, ..."""
         found, node = self._node(z, shaft)
-        if speeds is not None:
+        if speeds is not None or frequencies is not None:
             of = f"bearing at {z:g} m: "
-            at = np.array(numbers_of(of + "speeds", speeds))
-            if len(at) < 2 or not (np.diff(at) > 0).all():
-                raise ModelError(f"{of}speeds must be two or more ascending numbers")
+            axes = _axis(of + "speeds", speeds), _axis(of + "frequencies", frequencies)
+            tables = [_rows(of + word, values, axes) for word, values in (("stiffness", stiffness), ("damping", damping))]
             name = self._next("bearing")
-            tables = (_rows(of + word, values, len(at)) for word, values in (("stiffness", stiffness), ("damping", damping)))
-            self._tables.append(_Table(name, node, found.speed, at, *tables))
+            self._tables.append(_Table(name, node, found.speed, axes[0], axes[1], tables[0], tables[1]))
             self._sets[name] = node
             return
         for name, values in (("stiffness", stiffness), ("damping", damping)):
@@ -177,8 +185,10 @@ class Rotor:
             made.tie(f"structure.speed[{k}]", f"tones[{k}]")
         for table in self._tables:
             dofs = [f"n{table.node + 1}.{direction}" for direction in ("x", "y")]
-            made.bearing(dofs, table.speeds, table.stiffness, table.damping, label=table.name, speed=tones[table.speed - 1])
-            made.tie(f"bearing({table.name})%speed", f"tones[{table.speed - 1}]")
+            at = {} if table.speeds is None else {"speed": tones[table.speed - 1]}
+            made.bearing(dofs, table.speeds, table.stiffness, table.damping, frequencies=table.frequencies, label=table.name, **at)
+            if at:
+                made.tie(f"bearing({table.name})%speed", f"tones[{table.speed - 1}]")
         for shaft in self._shafts:
             if shaft.name in self._unbalance:
                 tuple_ = [int(k == shaft.speed - 1) for k in range(n_speeds)]
@@ -242,6 +252,10 @@ class Rotor:
         speeds: values of speed 1 [rad/s]; ratio: speed 2 over speed 1.
         """
         structure, ratio = self._matrices(), _number("ratio", ratio)
+        for table in self._tables:
+            if table.frequencies is not None:
+                raise ModelError(f"'{table.name}' has coefficients over the frequency of each whirl, for which there is no Campbell "
+                                 "diagram; critical_speeds and rotor.model(speed=...) use them")  # fmt: skip
         found = [whirls(self._at_speed(structure, speed, ratio)) for speed in numbers_of("speeds", speeds)]
         return np.array([f for f, _ in found]), np.array([g for _, g in found])
 
@@ -269,11 +283,12 @@ class Rotor:
 
         # Of bearings with tables: the speeds that are critical ones of the rotor with the bearings at that speed.
         def excess(speed: float, k: int) -> float:
-            found = self._critical(self._with_bearings(structure, speed, ratio), 2.0 * up_to, ratio, order)
+            found = self._critical(self._with_bearings(structure, speed, ratio, order * speed), 2.0 * up_to, ratio, order)
             return float(found[k] - speed) if k < len(found) else up_to
 
         grid = np.linspace(up_to / _SPEEDS, up_to, _SPEEDS)
-        most = max(len(self._critical(self._with_bearings(structure, speed, ratio), 2.0 * up_to, ratio, order)) for speed in grid)
+        at = [self._with_bearings(structure, speed, ratio, order * speed) for speed in grid]
+        most = max(len(self._critical(one, 2.0 * up_to, ratio, order)) for one in at)
         roots = []
         for k in range(most):
             values = [excess(speed, k) for speed in grid]
@@ -285,7 +300,7 @@ class Rotor:
     def _is_symmetric(self, structure: Structure) -> bool:
         """Whether the stiffness of all bearings is symmetric, at all speeds of their tables."""
         k = structure.stiffness.toarray()
-        tables = [(t.stiffness[:, 1], t.stiffness[:, 2]) for t in self._tables]
+        tables = [(t.stiffness[..., 1], t.stiffness[..., 2]) for t in self._tables]
         return all(np.allclose(a, b, rtol=1e-9, atol=1e-9 * abs(k).max()) for a, b in [(k, k.T), *tables])
 
     def _damped_critical(self, structure: Structure, up_to: float, ratio: float, order: float) -> np.ndarray:
@@ -293,7 +308,7 @@ class Rotor:
         from scipy.optimize import brentq
 
         def excess(speed: float) -> np.ndarray:
-            return np.asarray(whirls(self._at_speed(structure, speed, ratio))[0] - order * speed)
+            return np.asarray(whirls(self._at_speed(structure, speed, ratio, order * speed))[0] - order * speed)
 
         grid = np.linspace(up_to / _SPEEDS, up_to, _SPEEDS)
         values = np.array([excess(speed) for speed in grid])
@@ -301,22 +316,22 @@ class Rotor:
                  for i, k in np.argwhere((values[:-1] >= 0) != (values[1:] >= 0))]  # fmt: skip
         return np.sort(found)
 
-    def _with_bearings(self, structure: Structure, speed: float, ratio: float) -> Structure:
-        """The structure with the coefficients that bearings with tables have at a value of speed 1."""
+    def _with_bearings(self, structure: Structure, speed: float, ratio: float, whirl: float) -> Structure:
+        """The structure with the coefficients of bearings with tables at a value of speed 1 and a frequency of the whirl."""
         n, added = structure.n_dofs, {"stiffness": [structure.stiffness], "damping": [structure.damping]}
         for table in self._tables:
             at = speed if table.speed == 1 else ratio * speed
             rows = N * table.node + np.array([0, 0, 1, 1])
             columns = N * table.node + np.array([0, 1, 0, 1])
             for name in added:
-                values = _monotone_cubic(table.speeds, getattr(table, name), at)
+                values = table.at(name, at, abs(whirl))
                 added[name].append(sp.csr_matrix((values, (rows, columns)), (n, n)))
         total = {name: sum(m[1:], m[0]) for name, parts in added.items() if (m := [one for one in parts if one is not None])}
         return replace(structure, **total)
 
-    def _at_speed(self, structure: Structure, speed: float, ratio: float) -> Structure:
-        """The structure at a value of speed 1."""
-        return at_speeds(self._with_bearings(structure, speed, ratio), (speed, ratio * speed))
+    def _at_speed(self, structure: Structure, speed: float, ratio: float, whirl: float = 0.0) -> Structure:
+        """The structure at a value of speed 1, its bearings at a frequency of the whirl."""
+        return at_speeds(self._with_bearings(structure, speed, ratio, whirl), (speed, ratio * speed))
 
     def _critical(self, s: Structure, up_to: float, ratio: float, order: float) -> np.ndarray:
         """The critical speeds of the rotor with constant bearings."""
@@ -458,14 +473,28 @@ def whirls(structure: Structure) -> tuple[np.ndarray, np.ndarray]:
     return abs(values.imag), values.real
 
 
-def _rows(name: str, values: Any, n: int) -> np.ndarray:
-    """Coefficients of a bearing for each of n speeds, (n, 4), from numbers, matrices over x and y, or rows of four."""
+def _axis(name: str, values: Any) -> np.ndarray | None:
+    """Ascending values of a table, or None."""
+    if values is None:
+        return None
+    at = np.array(numbers_of(name, values))
+    if len(at) < 2 or not (np.diff(at) > 0).all():
+        raise ModelError(f"{name} must be two or more ascending numbers")
+    return at
+
+
+def _rows(name: str, values: Any, axes: tuple[np.ndarray | None, np.ndarray | None]) -> np.ndarray:
+    """Coefficients of a bearing for each speed and frequency, (n_speeds, n_frequencies, 4), from numbers, matrices over x and y, or
+    rows of four."""
     numbers = np.reshape(numbers_of(name, values), np.shape(values))
-    if numbers.ndim == 0 or numbers.shape == (n,):  # the same in all directions
-        return np.multiply.outer(np.broadcast_to(numbers, n), [1.0, 0.0, 0.0, 1.0])
-    if numbers.shape not in ((n, 4), (n, 2, 2)):
-        raise ModelError(f"{name} needs for each of {n} speeds a number, a matrix of 2 x 2 or four numbers, not {numbers.shape}")
-    return numbers.reshape(n, 4)
+    n = tuple(len(axis) for axis in axes if axis is not None)
+    shape = tuple(1 if axis is None else len(axis) for axis in axes)
+    if numbers.ndim == 0 or numbers.shape == n:  # the same in all directions
+        return np.multiply.outer(np.broadcast_to(numbers, n), [1.0, 0.0, 0.0, 1.0]).reshape(*shape, 4)
+    if numbers.shape not in ((*n, 4), (*n, 2, 2)):
+        of = " of ".join(f"{len(axis)} {word}" for axis, word in zip(axes[::-1], ("frequencies", "speeds")) if axis is not None)
+        raise ModelError(f"{name} needs for each of {of} a number, a matrix of 2 x 2 or four numbers, not {numbers.shape}")
+    return numbers.reshape(*shape, 4)
 
 
 def _monotone_cubic(nodes: np.ndarray, values: np.ndarray, x: float) -> np.ndarray:
