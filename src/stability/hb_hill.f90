@@ -4,6 +4,9 @@
 !> the laws along the motion. Hill's determinant f of their equations, divided by a power of s_k + a for each row, has the
 !> period i omega in lambda, no poles where Re(lambda) > -a, and is constant for large Re(lambda). By the principle of the argument
 !> its zeros with Re(lambda) > sigma, one for each such disturbance, are the turns of f along one period of the line at sigma.
+!> Harmonics beyond those of the slopes are not coupled: what they add are the turns of the determinant g of a single harmonic along
+!> the rest of the line, up to frequencies at which the structure has inertia alone. Steps follow the logarithms of f and g, whose
+!> real part drops before a weakly damped mode: two equal ones turn the angle once around, which no step would show.
 !>
 !> Of a sector, disturbances have any nodal diameter p beside that of their harmonic: each p has a determinant f_p. A shift by
 !> i omega turns f_p into that of another diameter, so that the turns of all together are whole.
@@ -23,11 +26,14 @@ module hb_hill
    real(wp), parameter :: growth_margins(*) = [2.0e-2_wp, 5.0e-3_wp]  ! of growth rates, relative to the frequency
    real(wp), parameter :: margins_given(*) = [2.0e-2_wp, 2.0e-3_wp, 2.0e-4_wp] ! likewise, of a given frequency: no exponent is zero
    real(wp), parameter :: max_turn_defect = 0.1_wp                    ! distance of the turns from a whole number
-   real(wp), parameter :: longest_turn = two_pi/8                     ! of f from one point of the line to the next
-   integer, parameter :: first_points = 24, max_points = 2000         ! of the line
+   real(wp), parameter :: longest_turn = two_pi/8                     ! change of log f from one point of the line to the next
+   real(wp), parameter :: growth_of_step = 1.5_wp
+   real(wp), parameter :: last_change = 0.05_wp                       ! of log g in steps of a third of the frequency
+   integer, parameter :: n_last = 4                                   ! such steps
+   integer, parameter :: first_points = 24, max_points = 20000        ! of a line
    integer, parameter :: extra_harmonics = 8                          ! harmonics beyond those of the motion, at least
    integer, parameter :: samples_of_harmonic = 8
-   integer, parameter :: usual_points = 60
+   integer, parameter :: usual_points = 100, points_of_mode = 100
 
    type :: hill_t
       integer :: n_dofs = 0, order = 0
@@ -101,7 +107,8 @@ contains
       n = real(variation%n_dofs, wp)
       n_blocks = real(2*order_of(variation) + 1, wp)
       m = n_blocks*count(is_at_laws(variation, structure))
-      work = 4.0_wp*usual_points*n_diameters_of(structure%parts)*(m**2*(m/3.0_wp + 20.0_wp) + n_blocks*n**2*(n/3.0_wp + 20.0_wp))
+      work = 4.0_wp*n_diameters_of(structure%parts)*(usual_points*m**2*(m/3.0_wp + 20.0_wp) + &
+                                                     (usual_points*n_blocks + points_of_mode*n)*n**2*(n/3.0_wp + 20.0_wp))
    end function work_of_hill
 
    !> Nodal diameters of disturbances: one without sectors.
@@ -227,38 +234,69 @@ contains
       is_whole = abs(sum_of_turns - n_growing) < max_turn_defect .and. n_growing >= 0
    end subroutine count_growing
 
-   !> Turns of the determinant of disturbances of a nodal diameter along a period of the line.
+   !> Turns of the determinant of disturbances of a nodal diameter: of the coupled harmonics along a period of the line, of all
+   !> others along the rest of it. Motions are real: below zero g is the conjugate of that of the opposite diameter, which is
+   !> counted with this one.
    subroutine count_turns(self, sigma, diameter, turn, is_complete)
       type(hill_t), intent(in) :: self
       real(wp), intent(in) :: sigma                                   !! [1/s]
       integer, intent(in) :: diameter
       real(wp), intent(out) :: turn
       logical, intent(out) :: is_complete
-      real(wp) :: angle, at, before, next, step
-      integer :: i
+      real(wp) :: at_end, beyond, of_next
+
+      associate (last => self%order*self%omega)
+         call follow(self, cmplx(sigma, 0.0_wp, wp), self%omega, diameter, .true., turn, at_end, is_complete)
+         if (is_complete) call follow(self, cmplx(sigma, last, wp), self%omega, diameter, .false., of_next, at_end, is_complete)
+         if (is_complete) call follow(self, cmplx(sigma, last + self%omega, wp), huge(1.0_wp), diameter, .false., beyond, at_end, &
+                                      is_complete)
+      end associate
+      if (is_complete) turn = -(turn + of_next + 2.0_wp*beyond - remainder(2.0_wp*at_end))/two_pi
+   end subroutine count_turns
+
+   !> Follows the angle of f, or of g, along a line upwards: over a length, or until g is constant.
+   subroutine follow(self, from, length, diameter, is_coupled, turn, angle, is_complete)
+      type(hill_t), intent(in) :: self
+      complex(wp), intent(in) :: from                                 !! [1/s]
+      real(wp), intent(in) :: length                                  !! [1/s]
+      integer, intent(in) :: diameter
+      logical, intent(in) :: is_coupled                               !! f; otherwise g
+      real(wp), intent(out) :: turn                                   !! change of the angle
+      real(wp), intent(out) :: angle                                  !! at the end
+      logical, intent(out) :: is_complete
+      complex(wp) :: before, change, there
+      real(wp) :: at, next, step
+      integer :: i, n_constant
 
       is_complete = .false.
       step = self%omega/first_points
       at = 0.0_wp
       turn = 0.0_wp
-      before = angle_at(self, cmplx(sigma, at, wp), diameter)
+      n_constant = 0
+      before = log_at(self, from, diameter, is_coupled)
+      angle = aimag(before)
       do i = 1, max_points
          if (work_is_over()) return
-         next = min(at + step, self%omega)
-         angle = angle_at(self, cmplx(sigma, next, wp), diameter)
-         if (abs(remainder(angle - before)) > longest_turn .and. step > 1.0e-7_wp*self%omega) then
+         next = min(at + step, length)
+         there = log_at(self, from + cmplx(0.0_wp, next, wp), diameter, is_coupled)
+         change = cmplx(real(there - before), remainder(aimag(there - before)), wp)
+         if (abs(change) > longest_turn .and. step > 1.0e-7_wp*(self%omega + at)) then
             step = 0.5_wp*step
+            n_constant = 0
             cycle
          end if
-         turn = turn + remainder(angle - before)
-         before = angle
+         turn = turn + aimag(change)
+         angle = aimag(there)
+         n_constant = merge(n_constant + 1, 0, abs(change) < last_change .and. 3.0_wp*(next - at) >= aimag(from) + at)
+         before = there
          at = next
-         if (at >= self%omega) exit
-         if (step < self%omega/first_points) step = 1.5_wp*step
+         is_complete = at >= length .or. (.not. is_coupled .and. n_constant == n_last)
+         if (is_complete) return
+         step = growth_of_step*step
+         if (is_coupled) step = min(step, self%omega/first_points)
+         if (.not. is_coupled) step = min(step, 0.5_wp*(aimag(from) + at))
       end do
-      is_complete = at >= self%omega
-      turn = -(turn - angle_at_ends(self, cmplx(sigma, 0.0_wp, wp), diameter))/two_pi
-   end subroutine count_turns
+   end subroutine follow
 
    !> An angle between minus and plus half a turn.
    elemental real(wp) function remainder(angle)
@@ -267,8 +305,22 @@ contains
       remainder = angle - two_pi*anint(angle/two_pi)
    end function remainder
 
-   !> Angle of f of disturbances of a nodal diameter.
-   real(wp) function angle_at(self, lambda, diameter) result(angle)
+   !> Logarithm of f, or of g, of disturbances of a nodal diameter.
+   complex(wp) function log_at(self, s, diameter, is_coupled) result(logarithm)
+      type(hill_t), intent(in) :: self
+      complex(wp), intent(in) :: s                                    !! [1/s]
+      integer, intent(in) :: diameter
+      logical, intent(in) :: is_coupled
+
+      if (is_coupled) then
+         logarithm = log_of_coupled(self, s, diameter)
+      else
+         logarithm = log_of_single(self, s, diameter)
+      end if
+   end function log_at
+
+   !> Logarithm of the determinant of the coupled harmonics, divided.
+   complex(wp) function log_of_coupled(self, lambda, diameter) result(logarithm)
       type(hill_t), intent(in) :: self
       complex(wp), intent(in) :: lambda
       integer, intent(in) :: diameter
@@ -278,7 +330,7 @@ contains
 
       n = size(self%at_laws)
       s = [(lambda + cmplx(0.0_wp, k*self%omega, wp), k=-self%order, self%order)]
-      angle = -self%degree*sum(atan2(aimag(s), real(s) + self%offset))
+      logarithm = -self%degree*sum(log(s + self%offset))
       allocate (a(n*size(s), n*size(s)))
       do l = -self%order, self%order
          column = n*(l + self%order)
@@ -286,39 +338,32 @@ contains
             row = n*(k + self%order)
             a(row + 1:row + n, column + 1:column + n) = self%by_displacement(:, :, k - l) + s(l)*self%by_rate(:, :, k - l)
          end do
-         call add_structure(self, s(l), l, diameter, a(column + 1:column + n, column + 1:column + n), angle)
+         call add_structure(self, s(l), l, diameter, a(column + 1:column + n, column + 1:column + n), logarithm)
       end do
-      call add_angle(a, angle)
-   end function angle_at
+      call add_logarithm(a, logarithm)
+   end function log_of_coupled
 
-   !> What the harmonics at the ends of the finite set add to the turns along a period: the first one beyond it comes in, the last
-   !> one at the other end goes out, both nearly uncoupled.
-   real(wp) function angle_at_ends(self, lambda, diameter) result(angle)
+   !> Logarithm of the determinant of a harmonic of this diameter that is not coupled, divided.
+   complex(wp) function log_of_single(self, s, diameter) result(logarithm)
       type(hill_t), intent(in) :: self
-      complex(wp), intent(in) :: lambda
+      complex(wp), intent(in) :: s
       integer, intent(in) :: diameter
-      real(wp) :: of_end(2)
-      complex(wp) :: a(size(self%at_laws), size(self%at_laws)), s
-      integer :: i, l
+      complex(wp) :: a(size(self%at_laws), size(self%at_laws))
 
-      do i = 1, 2
-         l = merge(self%order + 1, -self%order, i == 1)
-         s = lambda + cmplx(0.0_wp, l*self%omega, wp)
-         a = self%by_displacement(:, :, 0) + s*self%by_rate(:, :, 0)
-         of_end(i) = -self%degree*atan2(aimag(s), real(s) + self%offset)
-         call add_structure(self, s, l, diameter, a, of_end(i))
-         call add_angle(a, of_end(i))
-      end do
-      angle = remainder(of_end(1) - of_end(2))
-   end function angle_at_ends
+      a = self%by_displacement(:, :, 0) + s*self%by_rate(:, :, 0)
+      logarithm = -self%degree*log(s + self%offset)
+      call add_structure(self, s, 0, diameter, a, logarithm)
+      call add_logarithm(a, logarithm)
+   end function log_of_single
 
-   !> Adds the structure at s, without its inner degrees of freedom, to the block of harmonic l, and the angle of their determinant.
-   subroutine add_structure(self, s, l, diameter, block, angle)
+   !> Adds the structure at s, without its inner degrees of freedom, to the block of harmonic l, and the logarithm of their
+   !> determinant.
+   subroutine add_structure(self, s, l, diameter, block, logarithm)
       type(hill_t), intent(in) :: self
       complex(wp), intent(in) :: s
       integer, intent(in) :: l, diameter
       complex(wp), intent(inout) :: block(:, :)                       !! (at_laws, at_laws)
-      real(wp), intent(inout) :: angle
+      complex(wp), intent(inout) :: logarithm
       type(frequency_part_t) :: part
       complex(wp), allocatable :: inner(:, :), transfer(:, :), whole(:, :)     ! may be large: not on the stack
       complex(wp) :: dz, z
@@ -337,32 +382,32 @@ contains
       if (size(self%inner) == 0) return
       allocate (inner, source=whole(self%inner, self%inner))
       allocate (transfer, source=whole(self%inner, self%at_laws))
-      call factorise(inner, pivots, angle)
+      call factorise(inner, pivots, logarithm)
       call zgetrs("N", size(inner, 1), size(transfer, 2), inner, size(inner, 1), pivots, transfer, size(inner, 1), info)
       block = block - matmul(whole(self%at_laws, self%inner), transfer)
    end subroutine add_structure
 
-   !> Adds the angle of the determinant of a matrix, which is overwritten.
-   subroutine add_angle(a, angle)
+   !> Adds the logarithm of the determinant of a matrix, which is overwritten.
+   subroutine add_logarithm(a, logarithm)
       complex(wp), intent(inout), contiguous :: a(:, :)
-      real(wp), intent(inout) :: angle
+      complex(wp), intent(inout) :: logarithm
       integer :: pivots(size(a, 1))
 
-      call factorise(a, pivots, angle)
-   end subroutine add_angle
+      call factorise(a, pivots, logarithm)
+   end subroutine add_logarithm
 
-   !> Factorises a matrix, and adds the angle of its determinant.
-   subroutine factorise(a, pivots, angle)
+   !> Factorises a matrix, and adds the logarithm of its determinant.
+   subroutine factorise(a, pivots, logarithm)
       complex(wp), intent(inout), contiguous :: a(:, :)
       integer, intent(out) :: pivots(:)
-      real(wp), intent(inout) :: angle
+      complex(wp), intent(inout) :: logarithm
       integer :: i, info
 
       if (size(a) == 0) return
       call zgetrf(size(a, 1), size(a, 1), a, size(a, 1), pivots, info)
       do i = 1, size(a, 1)
-         angle = angle + atan2(aimag(a(i, i)), real(a(i, i)))
-         if (pivots(i) /= i) angle = angle + 0.5_wp*two_pi
+         if (abs(a(i, i)) > 0.0_wp) logarithm = logarithm + log(a(i, i))
+         if (pivots(i) /= i) logarithm = logarithm + cmplx(0.0_wp, 0.5_wp*two_pi, wp)
       end do
    end subroutine factorise
 end module hb_hill
