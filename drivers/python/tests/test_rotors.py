@@ -263,6 +263,25 @@ def test_models_of_rotors_have_their_speed_and_unbalance():
         np.testing.assert_allclose(np.hypot(*line.get_data()), amplitude, rtol=1e-9)  # circles
 
 
+def test_tables_over_speed_and_frequency_whirl_at_their_frequency():
+    """Critical speeds and unbalance of tables over both are those of the synchronous coefficients."""
+    speeds, whirls = np.array([0.0, 150.0, 400.0, 1000.0]), np.array([0.0, 150.0, 400.0, 1000.0])
+    k, d = 2e5 + 900.0 * speeds[:, None] + 400.0 * whirls, 300.0 - 0.1 * speeds[:, None] - 0.05 * whirls
+    rotor = Rotor()
+    rotor.shaft(np.linspace(0.0, 1.0, 5), 0.03)
+    rotor.disk(0.25, 8.0, 0.04, 0.08)
+    for z in (0.0, 1.0):
+        rotor.bearing(z, k, d, speeds=speeds, frequencies=whirls)
+    rotor.unbalance(0.25, 1e-4)
+    synchronous = with_tables(k.diagonal(), d.diagonal(), speeds)
+    np.testing.assert_allclose(rotor.critical_speeds(800.0), synchronous.critical_speeds(800.0), rtol=1e-8)
+    at = {"tones[0]": [150.0, 250.0, 400.0]}
+    ours, theirs = (one.model(speed=100.0, harmonics={"order": 1}).sweep(at) for one in (rotor, synchronous))
+    np.testing.assert_allclose(ours.nhbm.amplitude("disk1.x").values, theirs.nhbm.amplitude("disk1.x").values, rtol=1e-9)
+    with pytest.raises(ModelError, match="there is no Campbell"):
+        rotor.campbell([100.0])
+
+
 def test_two_shafts_turn_with_two_tones():
     rotor = Rotor()
     for name, speed in (("inner", 1), ("outer", 2)):
