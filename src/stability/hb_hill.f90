@@ -33,7 +33,7 @@ module hb_hill
    integer, parameter :: first_points = 24, max_points = 20000        ! of a line
    integer, parameter :: extra_harmonics = 8                          ! harmonics beyond those of the motion, at least
    integer, parameter :: samples_of_harmonic = 8
-   integer, parameter :: usual_points = 100, points_of_mode = 100
+   integer, parameter :: usual_points = 60, points_of_mode = 40
 
    type :: hill_t
       integer :: n_dofs = 0, order = 0
