@@ -20,7 +20,7 @@ module hb_bearing
       real(wp) :: speed = 0.0_wp                                      !! [rad/s], in the table
       real(wp), allocatable :: speeds(:)                              !! [rad/s], ascending, two or more, or none
       real(wp), allocatable :: frequencies(:)                         !! [rad/s], likewise, from 0 or more
-      real(wp), allocatable :: stiffness(:, :), damping(:, :)         !! [N/m], [N s/m], (rows, 4): xx, xy, yx, yy; for all frequencies
+      real(wp), allocatable :: stiffness(:, :), damping(:, :) !! [N/m], [N s/m], (rows, 4): xx, xy, yx, yy; all frequencies
                                                                       !! at the first speed, then at the next
       real(wp), allocatable :: mass(:, :)                             !! [kg], (rows, 3): xx, xy, yy
    contains

@@ -16,7 +16,8 @@ ALONE = [ROOT / "README.md", ROOT / "docs" / "user" / "cheat_sheet.md", ROOT / "
 PAGES = [*ALONE, *sorted(page for page in ROOT.glob("docs/*/*.md") if page.parent.name in ("howto", "start") and blocks_of(page))]
 LONG = {  # pages that take seconds
     "export", "limit_cycle", "resume", "verify",
-    "bearing_tables", "bolted_joint", "calculix", "cheat_sheet", "dual_rotor", "exercises", "find_folds", "finite_element_bracket", "finite_elements",
+    "bearing_tables",
+    "bolted_joint", "calculix", "cheat_sheet", "dual_rotor", "exercises", "find_folds", "finite_element_bracket", "finite_elements",
     "fit_backbone", "fit_measurement", "friction_damper", "intermodulation", "isola", "law_in_python", "migrate", "mistuned_wheel",
     "normal_mode", "optimise_absorbers", "optimise_damper", "other_solution", "own_matrices", "parametric", "peak_over_gap",
     "one_sector", "period_doubling",
