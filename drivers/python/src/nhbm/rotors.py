@@ -254,7 +254,7 @@ class Rotor:
         structure, ratio = self._matrices(), _number("ratio", ratio)
         for table in self._tables:
             if table.frequencies is not None:
-                raise ModelError(f"'{table.name}' has coefficients over the frequency of each whirl, for which there is no Campbell "
+                raise ModelError(f"'{table.name}' has coefficients over the frequency of each whirl: there is no Campbell "
                                  "diagram; critical_speeds and rotor.model(speed=...) use them")  # fmt: skip
         found = [whirls(self._at_speed(structure, speed, ratio)) for speed in numbers_of("speeds", speeds)]
         return np.array([f for f, _ in found]), np.array([g for _, g in found])
