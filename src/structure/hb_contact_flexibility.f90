@@ -82,7 +82,7 @@ contains
       self%contact = contact
       self%fingerprint = fingerprint_of(structure)
       call split_damping(self, structure, is_possible)
-      if (is_possible) is_possible = is_symmetric(structure%sparse%stiffness)
+      if (is_possible) is_possible = structure%sparse%stiffness%is_symmetric()
       if (.not. is_possible) return
       self%mass = structure%sparse%mass
       stuck = sparse_sum(1.0_wp, structure%sparse%stiffness, 1.0_wp, contact_matrix(self))
@@ -234,27 +234,6 @@ contains
          product_in = product_in + matrix%value(e)*row(matrix%column(e))
       end do
    end function product_in
-
-   !> Whether A x = A^T x, for a vector of all directions.
-   logical function is_symmetric(matrix)
-      type(sparse_t), intent(in) :: matrix
-      real(wp) :: difference(matrix%n_rows), sizes(matrix%n_rows), x(matrix%n_rows)
-      integer :: e, i
-
-      x = probe(matrix%n_rows, 1)
-      difference = 0.0_wp
-      sizes = 0.0_wp
-      do i = 1, matrix%n_rows
-         do e = matrix%first(i), matrix%first(i + 1) - 1
-            associate (k => matrix%column(e), value => matrix%value(e))
-               difference(i) = difference(i) + value*x(k)
-               difference(k) = difference(k) - value*x(i)
-               sizes(i) = sizes(i) + abs(value)
-            end associate
-         end do
-      end do
-      is_symmetric = all(abs(difference) <= 1.0e-9_wp*sizes)
-   end function is_symmetric
 
    !> A vector that is orthogonal to no mode.
    pure function probe(n, number)

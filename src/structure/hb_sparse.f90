@@ -18,6 +18,7 @@ module hb_sparse
       procedure :: dense => sparse_dense
       procedure :: diagonal => sparse_diagonal
       procedure :: equal => sparse_equal
+      procedure :: is_symmetric => sparse_is_symmetric
       procedure :: n_entries => sparse_n_entries
       procedure :: n_in_row => sparse_n_in_row
       procedure :: times => sparse_times
@@ -255,6 +256,53 @@ contains
 
       diagonal = [(self%at(i, i), i=1, self%n_rows)]
    end function sparse_diagonal
+
+   !> Whether a square matrix is symmetric but for rounding, relative to each pair of entries and to the diagonals of its rows, so that
+   !> rows in other units do not hide a difference.
+   logical function sparse_is_symmetric(self) result(is_symmetric)
+      class(sparse_t), intent(in) :: self
+      real(wp), parameter :: rounding = 1.0e-9_wp
+      type(sparse_t) :: mirrored
+      real(wp) :: diagonal(self%n_rows), row(self%n_rows)
+      integer :: e, i
+
+      is_symmetric = .true.
+      if (self%n_entries() == 0) return
+      diagonal = sqrt(abs(self%diagonal()))
+      mirrored = sparse_transpose(self)
+      row = 0.0_wp
+      do i = 1, self%n_rows
+         call add_row(self, 1.0_wp)
+         call add_row(mirrored, -1.0_wp)
+         call compare(self)
+         call compare(mirrored)
+         if (.not. is_symmetric) return
+      end do
+
+   contains
+
+      subroutine add_row(matrix, factor)
+         class(sparse_t), intent(in) :: matrix
+         real(wp), intent(in) :: factor
+
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            row(matrix%column(e)) = row(matrix%column(e)) + factor*matrix%value(e)
+         end do
+      end subroutine add_row
+
+      !> Compares and clears the differences at the entries of a row.
+      subroutine compare(matrix)
+         class(sparse_t), intent(in) :: matrix
+
+         do e = matrix%first(i), matrix%first(i + 1) - 1
+            associate (k => matrix%column(e))
+               is_symmetric = is_symmetric .and. &
+                              abs(row(k)) <= rounding*(abs(matrix%value(e)) + diagonal(i)*diagonal(k))
+               row(k) = 0.0_wp
+            end associate
+         end do
+      end subroutine compare
+   end function sparse_is_symmetric
 
    !> Number of stored entries.
    pure integer function sparse_n_entries(self) result(n)

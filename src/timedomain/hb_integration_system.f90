@@ -12,7 +12,7 @@ module hb_integration_system
    use hb_lapack, only: dpotrs
    use hb_law, only: law_box_t
    use hb_load_course, only: timed_load_t
-   use hb_sparse, only: sparse_sum, sparse_t, sparse_transpose
+   use hb_sparse, only: sparse_t, sparse_transpose
    use hb_spectrum, only: spectrum_t
    use hb_structure, only: structure_t
    implicit none
@@ -195,22 +195,10 @@ contains
       has_sparse_steps = has_cholmod() .and. allocated(structure%sparse)
       if (.not. has_sparse_steps) return
       associate (matrices => structure%sparse)
-         has_sparse_steps = is_symmetric(matrices%mass) .and. is_symmetric(matrices%damping) .and. &
-                            is_symmetric(matrices%stiffness)
+         has_sparse_steps = matrices%mass%is_symmetric() .and. matrices%damping%is_symmetric() .and. &
+                            matrices%stiffness%is_symmetric()
       end associate
    end function has_sparse_steps
-
-   !> Whether a matrix is symmetric but for rounding.
-   logical function is_symmetric(matrix)
-      type(sparse_t), intent(in) :: matrix
-      real(wp), parameter :: rounding = 1.0e-9_wp
-      type(sparse_t) :: difference
-
-      is_symmetric = .true.
-      if (matrix%n_entries() == 0) return
-      difference = sparse_sum(1.0_wp, matrix, -1.0_wp, sparse_transpose(matrix))
-      is_symmetric = maxval(abs(difference%value)) <= rounding*maxval(abs(matrix%value))
-   end function is_symmetric
 
    !> Stores a matrix; if few entries are nonzero, only these.
    pure subroutine from_dense(self, entries)

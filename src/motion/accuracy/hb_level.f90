@@ -7,6 +7,7 @@ module hb_level
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_frequency_part, only: frequency_part_t                      ! likewise
+   use hb_sparse, only: sparse_t                                      ! likewise, and only here
    use hb_harmonics, only: coefficients_in, harmonics_t, new_box, new_harmonics
    use hb_kinds, only: wp
    use hb_law, only: has_memory
