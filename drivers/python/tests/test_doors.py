@@ -464,6 +464,37 @@ def test_rotor_of_ross(tmp_path):
     assert_refused(lambda copy: import_structure(ross=copy, speed=700.0), path, tmp_path)
 
 
+def test_tables_of_ross_follow_the_speed():
+    """Bearings with tables over speed and frequency: at their rows the unbalanced motion is that of ROSS's own matrices, which depend
+    on both; between them monotone cubics differ little."""
+    package("ross")
+    import ross
+
+    steel = ross.Material("steel", rho=7810, E=211e9, G_s=81.2e9)
+    shaft = [ross.ShaftElement(L=0.25, idl=0.0, odl=0.05, material=steel) for _ in range(4)]
+    disk = ross.DiskElement.from_geometry(2, steel, 0.07, 0.05, 0.28)
+    at = np.array([100.0, 200.0, 300.0, 500.0])
+    table = 1e6 * (1 + 0.5 * np.add.outer(at / 500, (at / 600) ** 2))
+    damping = 1e3 * np.add.outer(1 + at / 1e3, np.exp(-at / 400))
+    bearings = [
+        ross.BearingElement(n, kxx=(1 + 0.1 * n) * table, kyy=0.8 * table, kxy=0.2 * table, kyx=-0.1 * table, cxx=damping,
+                            cyy=1.2 * damping, speed=at, frequency=at) for n in (0, 4)
+    ]  # fmt: skip
+    rotor = ross.Rotor(shaft, [disk], bearings)
+    model = nhbm.import_rotor(rotor, 200.0)
+    model.load("n3.x", 1, cos=1.0)
+    speeds = [*at, 137.0, 431.0]
+    swept = model.sweep({"tones[0]": speeds}, order=1)
+    where = import_structure(ross=rotor, speed=200.0).labels.index("n3.x")
+    for k, speed in enumerate(speeds):
+        mass, rates, stiffness = (matrix(frequency=speed, speed=speed) for matrix in (rotor.M, rotor.C, rotor.K))
+        force = np.zeros(len(mass))
+        force[where] = 1.0
+        motion = np.linalg.lstsq(stiffness - speed**2 * mass + 1j * speed * (rates + speed * rotor.G()), force, rcond=None)[0]
+        ours = float(swept.isel(point=k).nhbm.amplitude("n3.x", 1))
+        assert ours == pytest.approx(abs(motion[where]), rel=1e-9 if speed in at else 1e-2)
+
+
 # BARC
 
 
