@@ -146,6 +146,8 @@ def orbits(data: xr.Dataset, dof: str, other: str) -> Any:
     unit, unit_of_other = (data.nhbm.unit_of(one) for one in (dof, other))
     ax.set(xlabel=f"Displacement {dof} [{unit}]", ylabel=f"Displacement {other} [{unit_of_other}]",
            aspect="equal" if unit == unit_of_other else "auto")  # fmt: skip
+    ax.ticklabel_format(scilimits=(-3, 4))
+    ax.locator_params(nbins=5)
     ax.grid(color="0.9")
     ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0), title=textwrap.fill(", ".join(
         _labelled(name, data[name]) for name in names), 20))  # fmt: skip
