@@ -96,7 +96,10 @@ contains
       do i = 1, size(parts)
          if (.not. allocated(error)) call open_file(sources(i)%file, parts(i)%value, error)
       end do
-      if (.not. allocated(error)) call make_file(path, layout, plan, overwrite, error, sources)
+      if (.not. allocated(error)) then
+         call make_file(path, layout, plan, overwrite, error, sources)
+         call annotate(error, "'"//path//"'")
+      end if
       do i = 1, size(parts)
          call sources(i)%file%close(error)
       end do
