@@ -257,8 +257,8 @@ contains
       diagonal = [(self%at(i, i), i=1, self%n_rows)]
    end function sparse_diagonal
 
-   !> Whether a square matrix is symmetric but for rounding, relative to each pair of entries and to the diagonals of its rows, so that
-   !> rows in other units do not hide a difference.
+   !> Whether a square matrix is symmetric but for rounding, relative to each pair of entries and to the diagonals of its rows, so
+   !> that rows in other units do not hide a difference.
    logical function sparse_is_symmetric(self) result(is_symmetric)
       class(sparse_t), intent(in) :: self
       real(wp), parameter :: rounding = 1.0e-9_wp

@@ -465,8 +465,8 @@ def test_rotor_of_ross(tmp_path):
 
 
 def test_tables_of_ross_follow_the_speed():
-    """Bearings with tables over speed and frequency: at their rows the unbalanced motion is that of ROSS's own matrices, which depend
-    on both; between them monotone cubics differ little."""
+    """Bearings with tables over speed and frequency: at their rows the unbalanced motion is that of ROSS's own matrices, which
+    depend on both; between them monotone cubics differ little."""
     package("ross")
     import ross
 
