@@ -7,7 +7,6 @@ module hb_level
    use hb_discretisation, only: discretisation_t
    use hb_error, only: error_t
    use hb_frequency_part, only: frequency_part_t                      ! likewise
-   use hb_sparse, only: sparse_t                                      ! likewise, and only here
    use hb_harmonics, only: coefficients_in, harmonics_t, new_box, new_harmonics
    use hb_kinds, only: wp
    use hb_law, only: has_memory
@@ -18,6 +17,7 @@ module hb_level
    use hb_options, only: options_t
    use hb_point_budget, only: budget_of, point_budget_t
    use hb_reduced_base, only: grid_share
+   use hb_structure, only: structure_t                                ! likewise
    use hb_system, only: measure_of, system_t
    use hb_thresholds, only: max_reliable_error, negligible_step, small_share
    use hb_torus, only: fast_size, samples_for
