@@ -11,6 +11,7 @@ from test_cli import run
 
 from nhbm_post import Results
 from nhbm_post.draw import draw_deflection
+from nhbm_post.errors import ReaderError
 from nhbm_post.structure import Structure
 
 meshio = pytest.importorskip("meshio")
@@ -94,6 +95,22 @@ def test_nodes_without_a_cell_are_points(tmp_path):
         file["cells/nodes"][...] = [0, 1, 1, 0]
     mesh = Structure(tmp_path / "full.h5").mesh()
     assert [block.type for block in mesh.cells] == ["quad", "vertex"] and mesh.cells[1].data.tolist() == [[2], [3]]
+
+
+def test_nodes_without_a_place_are_left_out(tmp_path):
+    """As those that a program adds inside its elements; of an element with such a node nothing is guessed."""
+    write_model(tmp_path / "full.h5", ["n2.z", "n3.z"], [1, 2], ["z", "z"])
+    with h5py.File(tmp_path / "full.h5", "r+") as file:
+        file["nodes/coordinates"][2] = np.nan
+        file["cells/nodes"][...] = [0, 1, 3, 3]
+    structure = Structure(tmp_path / "full.h5")
+    mesh = structure.mesh()
+    assert np.isfinite(mesh.points).all() and [block.type for block in mesh.cells] == ["quad"]
+    assert np.array_equal(structure.displacement(np.array([2.0, 5.0])), [[0, 0, 0], [0, 0, 2.0], [0, 0, 0], [0, 0, 0]])
+    with h5py.File(tmp_path / "full.h5", "r+") as file:
+        file["cells/nodes"][...] = [0, 1, 2, 3]
+    with pytest.raises(ReaderError, match="node 3"):
+        Structure(tmp_path / "full.h5")
 
 
 def test_forces_of_nodes_that_move_along_their_radius(tmp_path):

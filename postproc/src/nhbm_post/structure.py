@@ -34,9 +34,15 @@ class Structure:
     def _read(self, file):
         self.labels = [label.decode() for label in file["labels"][()]]
         self.points = file["nodes/coordinates"][()]
-        if not np.isfinite(self.points).all():
+        lost = ~np.isfinite(self.points).all(axis=1)  # as internal ones of incompatible modes
+        if lost.all():
             raise ReaderError(f"{self.path}: the model has no coordinates; nhbm-model import --mesh adds them")
         self._types, starts, nodes = (file[f"cells/{name}"][()] for name in ("type", "indptr", "nodes"))
+        if lost[nodes].any():
+            number = file["nodes/number"][nodes[lost[nodes]][0]]
+            raise ReaderError(f"{self.path}: nodes of elements have no coordinates, as node {number}")
+        self.points[lost] = self.points[~lost][0]
+        self._lost = np.flatnonzero(lost)
         self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
         where = zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()])
         self._component = {label: (int(node), _AXES[d.decode()]) for label, node, d in where if node >= 0 and d.decode() in _AXES}
@@ -51,7 +57,7 @@ class Structure:
         group = "recovery" if "recovery" in file else "dofs"
         node = file[f"{group}/node"][()]
         direction = [text.decode() for text in file[f"{group}/direction"][()]]
-        rows = [i for i, (n, d) in enumerate(zip(node, direction)) if n >= 0 and d in _AXES]
+        rows = [i for i, (n, d) in enumerate(zip(node, direction)) if n >= 0 and not lost[n] and d in _AXES]
         self._where = node[rows], np.array([_AXES[direction[i]] for i in rows], dtype=int)
         self._polar = np.unique([node[i] for i in rows if direction[i] in "rt"]).astype(int)
         self._matrix = file["recovery/matrix"][rows] if group == "recovery" else None
@@ -124,7 +130,7 @@ class Structure:
         for kind, cell in zip(self._types, self._cells):
             blocks.setdefault((vtk_to_meshio_type[int(kind)], len(cell)), []).append(cell)
         cells = [(kind, np.array(members)) for (kind, _), members in blocks.items()]
-        alone = np.setdiff1d(np.arange(len(self.points)), np.concatenate([np.zeros(0, dtype=int), *self._cells]))
+        alone = np.setdiff1d(np.arange(len(self.points)), np.concatenate([self._lost, *self._cells]))
         if alone.size:  # ParaView shows no points without a cell: those of pairs, halfway
             cells.append(("vertex", alone[:, None]))
         return meshio.Mesh(self.points, cells, point_data=fields)
