@@ -11,6 +11,7 @@ module hb_motion_description
    use hb_error_estimate, only: estimate_error
    use hb_estimated_errors, only: error_estimate_t, wanted_motions_t
    use hb_fftw, only: new_real_block, real_block_t
+   use hb_frequency_part, only: frequency_part_t                      ! gfortran 16 cannot write the module without it
    use hb_harmonics, only: coefficients_in, harmonics_t
    use hb_kinds, only: wp
    use hb_law, only: law_box_t
