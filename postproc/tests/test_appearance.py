@@ -221,6 +221,17 @@ def test_a_style_file_sets_fonts_and_sizes(tmp_path, capsys, monkeypatch):
     assert "neither screen, paper nor" in capsys.readouterr().err
 
 
+def test_a_font_that_is_not_installed_is_reported_once(tmp_path, caplog):
+    """Matplotlib reported it for each text."""
+    path, style = response(tmp_path / "a.h5"), tmp_path / "journal.mplstyle"
+    style.write_text("font.family: No Such Font\n")
+    for _ in range(2):
+        caplog.clear()
+        assert main(["response", str(path), "-o", str(tmp_path / "a.png"), "--style", str(style)]) == 0
+        texts = [record.getMessage() for record in caplog.records if "No Such Font" in record.getMessage()]
+        assert texts and len(texts) == len(set(texts))
+
+
 def test_pictures_for_latex(tmp_path, capsys):
     """With the texts as LaTeX sets them; where it is not installed that is said."""
     path = response(tmp_path / "a.h5")

@@ -110,7 +110,21 @@ def test_nodes_without_a_place_are_left_out(tmp_path):
     with h5py.File(tmp_path / "full.h5", "r+") as file:
         file["cells/nodes"][...] = [0, 1, 2, 3]
     with pytest.raises(ReaderError, match="node 3"):
-        Structure(tmp_path / "full.h5")
+        Structure(tmp_path / "full.h5").mesh()
+
+
+def test_sets_need_no_positions(files, capsys):
+    folder, c = files
+    write_model(folder / "bare.h5", ["n2.z", "q1"], [1, 0], ["z", "y"])
+    with h5py.File(folder / "bare.h5", "r+") as file:
+        file["nodes/coordinates"][...] = np.nan
+        file["sets/names"], file["sets/indptr"], file["sets/nodes"] = [b"tip"], [0, 1], [1]
+    words = "&structure\n   type = 'model'\n   file = 'bare.h5'\n/\n"
+    write_results(folder / "named.h5", TUPLES, FREQUENCY, c[None], input_groups=words, dofs=("n2.z", "q1"), law_dofs=("n2.z",))
+    with Results(folder / "named.h5") as results:
+        np.testing.assert_array_equal(results.series(0, "tip.z").cos, results.series(0, "n2.z").cos)
+    status, _, err = run(capsys, "vtk", folder / "named.h5")
+    assert status == 2 and "has no coordinates" in err
 
 
 def test_forces_of_nodes_that_move_along_their_radius(tmp_path):
@@ -154,7 +168,7 @@ def test_sets_of_the_input_name_degrees_of_freedom(files, capsys):
         assert results.default_dof() == "tip.z" and results.series(0, None).label == "tip.z"
     values = [run(capsys, "value", folder / "named.h5", "--dof", dof, "--tuple", "1,0")[1] for dof in ("n2.z", "tip.z")]
     assert values[0] and values[0] == values[1]
-    for wrong, message in (("both", "'both' are 2 degrees of freedom; name one"), ("tip.x", "stored: n2.z, q1")):
+    for wrong, message in (("both", "'both' are 2 degrees of freedom; name one"), ("tip.x", "stored: tip.z, q1")):
         assert message in run(capsys, "value", folder / "named.h5", "--dof", wrong, "--tuple", "1,0")[2]
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import errno
+import logging
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from nhbm import shells
@@ -35,6 +37,8 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(options.join_negative(sys.argv[1:] if argv is None else list(argv)))
     if "files" in arguments:
         arguments.file = arguments.files[0][1]
+    fonts, is_new = logging.getLogger("matplotlib.font_manager"), _each_once()
+    fonts.addFilter(is_new)  # a font that is not installed would be reported for each text
     try:
         looks = vars(arguments)
         if looks.get("output") and is_input(looks["output"], arguments):
@@ -52,7 +56,22 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except Exception as error:
         return _end_of_failed(error, arguments)
+    finally:
+        fonts.removeFilter(is_new)
     return 0
+
+
+def _each_once() -> Callable[[logging.LogRecord], bool]:
+    """Filter that holds for the first record of each text."""
+    seen: set[str] = set()
+
+    def is_new(record: logging.LogRecord) -> bool:
+        text = record.getMessage()
+        known = text in seen
+        seen.add(text)
+        return not known
+
+    return is_new
 
 
 def _settings_of(name: str) -> dict:

@@ -580,7 +580,7 @@ class Results:
         if not named or named[0] not in labels:
             raise ReaderError(
                 f"{self.path}: no {QUANTITIES[quantity].words} of degree of freedom '{dof}'; "
-                f"stored: {list_text(labels)}"
+                f"stored: {list_text([self.as_written(label) for label in labels])}"
             )
         return labels.index(named[0])
 

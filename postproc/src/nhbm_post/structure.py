@@ -33,15 +33,15 @@ class Structure:
 
     def _read(self, file):
         self.labels = [label.decode() for label in file["labels"][()]]
-        self.points = file["nodes/coordinates"][()]
-        lost = ~np.isfinite(self.points).all(axis=1)  # as internal ones of incompatible modes
-        if lost.all():
-            raise ReaderError(f"{self.path}: the model has no coordinates; nhbm-model import --mesh adds them")
+        self._points, self._fault = file["nodes/coordinates"][()], ""  # without positions the sets still have their names
+        lost = ~np.isfinite(self._points).all(axis=1)  # as internal ones of incompatible modes
         self._types, starts, nodes = (file[f"cells/{name}"][()] for name in ("type", "indptr", "nodes"))
-        if lost[nodes].any():
-            number = file["nodes/number"][nodes[lost[nodes]][0]]
-            raise ReaderError(f"{self.path}: nodes of elements have no coordinates, as node {number}")
-        self.points[lost] = self.points[~lost][0]
+        if lost.all():
+            self._fault = "the model has no coordinates; nhbm-model import --mesh adds them"
+        elif lost[nodes].any():
+            self._fault = f"nodes of elements have no coordinates, as node {file['nodes/number'][nodes[lost[nodes]][0]]}"
+        else:
+            self._points[lost] = self._points[~lost][0]
         self._lost = np.flatnonzero(lost)
         self._cells = [nodes[starts[i] : starts[i + 1]] for i in range(len(self._types))]
         where = zip(self.labels, file["dofs/node"][()], file["dofs/direction"][()])
@@ -62,6 +62,13 @@ class Structure:
         self._polar = np.unique([node[i] for i in rows if direction[i] in "rt"]).astype(int)
         self._matrix = file["recovery/matrix"][rows] if group == "recovery" else None
         self._rows = np.array(rows, dtype=int)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Positions (n_nodes, 3), of a node without one that of another node."""
+        if self._fault:
+            raise ReaderError(f"{self.path}: {self._fault}")
+        return self._points
 
     @property
     def has_axis(self) -> bool:
