@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -103,6 +104,24 @@ def test_sweeps_are_spread_over_processes():
 def wait(model):
     time.sleep(60)
     return 1.0
+
+
+def far_stop(model):
+    """Warns of a stop that no motion reaches, and of something of its own."""
+    warnings.warn("of the function", RuntimeWarning, stacklevel=1)
+    return float(model.sweep({"tones[0]": [0.6, 0.7]}, of="x1 (1)", order=3)["response"].max())
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_functions_of_a_sweep_warn_once_for_all_points(workers):
+    """Each worker warned at each point; warnings of others are left as they are."""
+    model = duffing()
+    model.law("elastic_stop", "x1", stiffness=0.5, gap=50.0, label="stop")
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        model.sweep({"load[0].cos": [0.1, 0.2, 0.3, 0.4]}, of=far_stop, workers=workers)
+    assert sum(one.category is nhbm.Implausible and "no motion reaches" in str(one.message) for one in heard) == 1
+    assert workers > 1 or sum(one.category is RuntimeWarning for one in heard) == 4  # of processes on their standard error
 
 
 def test_an_interrupt_ends_the_processes_of_a_sweep():

@@ -19,7 +19,7 @@ import xarray as xr
 
 from nhbm import advice, dataset
 from nhbm.docstrings import documented
-from nhbm.errors import Implausible, ModelError, NotConverged
+from nhbm.errors import Implausible, Jump, ModelError, NotConverged
 from nhbm.groups import Group, Settings, request
 from nhbm.paths import identifier, path_of
 from nhbm.responses import absence_of, is_pattern, matches, parts_of, reject_largest, response_of, words_of
@@ -147,6 +147,8 @@ def sweep(self: Model, values: Mapping[str, Any], *, paired: bool = False, of: s
         found = dataset.table([row for part in done for row in part.rows], coordinates).assign_attrs(varies=names)
     if isinstance(of, str):
         found["response"].attrs.update(long_name=words_of(of), units=_unit_of(chains.session, of))
+    for category, text in dict.fromkeys(one for part in done for one in part.warned):
+        advice.warn(text, category)
     advice.warn_of_points(doubtful, len(points))
     advice.warn_of_inactive_laws(sorted(inactive))
     if of is None:
@@ -182,12 +184,16 @@ def _unit_of(session: Any, of: str) -> str:
     return units[labels.index(dof)] if dof in labels and len(units) == len(labels) else "m"
 
 
+_Warned = dict[tuple[type[Warning], str], None]  # each once, in its order
+
+
 class _Part(NamedTuple):
     """What comes of a line of points."""
 
     rows: Any  # Rows of motions, or a list of mappings of numbers
     doubtful: list[tuple[str, list[advice.Advice]]]  # status, and what is doubtful
     inactive: set[advice.Advice] | None  # laws without force on all motions
+    warned: _Warned  # what a function has warned of
 
 
 class _Work:
@@ -248,7 +254,7 @@ class _Chains(_Work):
         return other
 
     def _solved(self, piece: range, update: Callable[[], None]) -> _Part:
-        session, part = self.session, _Part([], [], None)
+        session, part = self.session, _Part([], [], None, {})
         session.clear_rows()
         session.select_chains(piece.start, len(piece))
         is_found = False
@@ -285,27 +291,26 @@ class _Function(_Work):
         self.model, self.paths, self.of, self.settings, self.warm, self.points = model, paths, of, settings, warm, points
 
     def _solved(self, piece: range, update: Callable[[], None]) -> _Part:
-        part = _Part([], [], None)
-        for row, doubt in self._evaluated(self.model, [self.points[k] for k in piece]):
+        part = _Part([], [], None, {})
+        for row, doubt in self._evaluated(self.model, [self.points[k] for k in piece], part.warned):
             part.rows.append(row)
             if doubt is not None:
                 part.doubtful.append(doubt)
             update()
         return part
 
-    def _evaluated(self, model: Model, points: list[Any]) -> Iterator[tuple[Any, Any]]:
+    def _evaluated(self, model: Model, points: list[Any], warned: _Warned) -> Iterator[tuple[Any, Any]]:
         for k, point in enumerate(points):
             if not (self.warm and k > 0):  # it may start from the last motion, of whichever point
                 model = copy.copy(self.model)
             for path, value in zip(self.paths, point):
                 model[path] = value
-            yield self._value(model, point)
+            yield self._value(model, point, warned)
 
-    def _value(self, model: Model, point: Any) -> tuple[dict[str, Any], Any]:
+    def _value(self, model: Model, point: Any, warned: _Warned) -> tuple[dict[str, Any], Any]:
         """What the function returns, with the status of its last solution; 'failed' where it raises an exception."""
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", NotConverged)  # one warning for all points
+            with _heard(warned):
                 row = dataset.row_of(self.of(model))
         except Exception as fault:
             if point == self.points[0]:
@@ -317,6 +322,24 @@ class _Function(_Work):
             raise ModelError(f"the function `of` of a sweep returns a number or a dict of numbers, not {wrong[0]!r}")
         status, message, found = model._ending()
         return {**row, "status": status, "message": message}, (status, found) if found else None
+
+
+@contextlib.contextmanager
+def _heard(warned: _Warned) -> Iterator[None]:
+    """Collects what nhbm warns of, for one warning for all points and processes; other warnings are issued as they are."""
+    heard: list[warnings.WarningMessage] = []
+    try:
+        with warnings.catch_warnings(record=True) as heard:
+            warnings.simplefilter("ignore", NotConverged)  # one warning for all points, by their status
+            for category in (Implausible, Jump):
+                warnings.simplefilter("always", category)
+            yield
+    finally:
+        for one in heard:
+            if issubclass(one.category, (Implausible, Jump)):
+                warned[one.category, str(one.message)] = None
+            else:
+                warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
 
 
 def _spread(work: _Work, lines: list[range], workers: int, executor: Any, comm: Any, bar: Progress) -> Iterable[_Part]:
