@@ -449,6 +449,7 @@ def test_rotor_of_ross(tmp_path):
         assert abs(eigenvalue_near(quadratic, value) - value) < 1e-9 * abs(value)
     from_object = import_structure(ross=rotor, speed=700.0)
     assert abs(from_object.stiffness - model.stiffness).max() == 0.0
+
     class Old:  # as in ROSS 2, with matrices of one argument
         number_dof, nodes, nodes_pos, bearing_elements = 6, rotor.nodes, rotor.nodes_pos, []
         M = K = C = G = lambda self, frequency=None, synchronous=False: np.eye(n)
@@ -556,6 +557,46 @@ def test_options_that_do_not_fit(options, message):
     with pytest.raises(ModelError) as raised:
         import_structure(**options)
     assert message in str(raised.value)
+
+
+@pytest.mark.parametrize("version", [2.2, 4.1])
+@pytest.mark.parametrize("is_binary", [0, 1])
+def test_physical_groups_as_gmsh_counts_them(tmp_path, version, is_binary):
+    """One tag in two dimensions, and a surface of two groups; prisms and hexahedra of the second order."""
+    gmsh = pytest.importorskip("gmsh")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.SecondOrderIncomplete", 1)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+        for recombined, x in ((False, 0.0), (True, 1.0)):
+            face = gmsh.model.occ.addRectangle(x, 0, 0, 1, 1)
+            gmsh.model.occ.extrude([(2, face)], 0, 0, 1, [2], recombine=True)
+            gmsh.model.occ.synchronize()
+            if recombined:
+                gmsh.model.mesh.setRecombine(2, face)
+        for dimension, members, tag, name in (
+            (3, [1, 2], 1, "bar"),
+            (2, [1], 1, "root"),
+            (2, [2], 2, "tip"),
+            (2, [2, 4], 3, "contact"),
+        ):
+            gmsh.model.addPhysicalGroup(dimension, members, tag, name)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", is_binary)
+        gmsh.write(str(tmp_path / "bar.msh"))
+        groups = {gmsh.model.getPhysicalName(*group): set(gmsh.model.mesh.getNodesForPhysicalGroup(*group)[0].tolist())
+                  for group in gmsh.model.getPhysicalGroups()}  # fmt: skip
+        tags, at, _ = gmsh.model.mesh.getNodes()
+    finally:
+        gmsh.finalize()
+    mesh = meshes.read_mesh(tmp_path / "bar.msh")
+    assert {name: set(members) for name, members in mesh.sets.items()} == groups
+    where = dict(zip(tags.tolist(), at.reshape(-1, 3)))
+    assert np.abs(mesh.points - [where[tag] for tag in mesh.numbers.tolist()]).max() < 1e-12
+    assert {kind for kind, _ in mesh.cells} == {22, 23, 25, 26}
 
 
 # The page

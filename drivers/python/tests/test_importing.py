@@ -145,7 +145,6 @@ $EndElements
 
 
 def test_physical_groups_of_gmsh_are_sets(tmp_path):
-    pytest.importorskip("meshio")
     (tmp_path / "wire.msh").write_text(GMSH)
     unit = sp.identity(3)
     model = Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z", "n2.z", "n3.z"]))
@@ -263,7 +262,8 @@ ALWAYS = {
         (LABELS, "labels", b"\xff\xfe", "is not a text file"),
         ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n7, 0.0, 0.0, 0.0\n", "node 1 of the matrices is not in the mesh"),
         ([*MESH, "--mesh=bad.inp"], "bad.inp", "*NODE\n1,0.,0.\n2,x", "line 3: '2,x' is not a node with its position"),
-        ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is not a mesh that meshio reads: "),
+        ([*MESH, "--mesh=bad.msh"], "bad.msh", "hello", "is not a mesh of Gmsh: it has no section $MeshFormat"),
+        ([*MESH, "--mesh=bad.vtk"], "bad.vtk", "hello", "is not a mesh that meshio reads: "),
     ],
 )  # fmt: skip
 def test_bad_files_get_one_message(tmp_path, monkeypatch, capsys, options, name, content, message):

@@ -14,9 +14,9 @@ PROJECT = (Path(__file__).resolve().parents[3] / "pyproject.toml").read_text()
 
 
 def mesh(folder):
-    (folder / "wire.msh").write_text("")
+    (folder / "wire.vtk").write_text("")
     unit = sp.identity(1)
-    meshes.add_mesh(Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z"])), folder / "wire.msh")
+    meshes.add_mesh(Structure(mass=unit, stiffness=unit, **importing.nodes_of_labels(["n1.z"])), folder / "wire.vtk")
 
 
 def picture(folder):
@@ -60,7 +60,7 @@ def test_command_names_the_missing_package(monkeypatch, tmp_path, capsys):
     for name in ("k.mtx", "m.mtx"):
         (tmp_path / name).write_text("%%MatrixMarket matrix coordinate real symmetric\n1 1 1\n1 1 1.0\n")
     (tmp_path / "labels").write_text("n1.z\n")
-    (tmp_path / "wire.msh").write_text("")
-    words = ["import", "--mass=m.mtx", "--stiffness=k.mtx", "--labels=labels", "--mesh=wire.msh", "--output=model.h5"]
+    (tmp_path / "wire.vtk").write_text("")
+    words = ["import", "--mass=m.mtx", "--stiffness=k.mtx", "--labels=labels", "--mesh=wire.vtk", "--output=model.h5"]
     assert command.main(words) == 2
     assert "meshes are read with meshio, which is not installed" in capsys.readouterr().err

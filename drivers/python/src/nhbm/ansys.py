@@ -11,7 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from nhbm.errors import ModelError, check_file
-from nhbm.mesh import DIRECTIONS, Mesh
+from nhbm.mesh import DIRECTIONS, Mesh, one_per_name
 
 Matrices = dict[str, sp.csr_matrix]
 
@@ -219,7 +219,8 @@ class _Archive:
             if absent:
                 raise ModelError(f"file '{self.path}': the component {name} has the node {absent[0]}, which no NBLOCK has")
         numbers, points = np.array(list(self.nodes), dtype=np.int64), np.array(list(self.nodes.values()))
-        return Mesh(numbers, points, cells, self.sets, self.frames, list(self.notes))
+        sets, more = one_per_name(self.sets.items())
+        return Mesh(numbers, points, cells, sets, self.frames, [*self.notes, *more])
 
 
 def _widths(form: str) -> list[tuple[int, int]]:

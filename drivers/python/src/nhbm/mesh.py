@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,3 +21,13 @@ class Mesh:
     frames: dict[int, str] = field(default_factory=dict)  # nodes whose degrees of freedom are not along x, y, z: why
     notes: list[str] = field(default_factory=list)  # what the file has and this does not
     adds_nodes: bool = False  # whether its elements get nodes that the file does not list
+
+
+def one_per_name(sets: Iterable[tuple[str, list[int]]]) -> tuple[dict[str, list[int]], list[str]]:
+    """Sets by their names in lower case, as inputs compare them; of several with one name none is taken, which the notes say."""
+    found: dict[str, list[list[int]]] = {}
+    for name, members in sets:
+        found.setdefault(name.lower(), []).append(members)
+    notes = [f"{len(several)} sets have the name '{name}' in lower case: none of them is taken"
+             for name, several in found.items() if len(several) > 1]  # fmt: skip
+    return {name: several[0] for name, several in found.items() if len(several) == 1}, notes

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import io
-import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nhbm import ansys, bulk_data, decks
+from nhbm import ansys, bulk_data, decks, gmsh_meshes
 from nhbm.errors import ModelError, check_file, imported
-from nhbm.mesh import DIRECTIONS, Mesh
+from nhbm.mesh import DIRECTIONS, Mesh, one_per_name
 from nhbm.structure import Structure
 
 
 def read_mesh(path: Any) -> Mesh:
     """Mesh of a file, its format by the end of the name: decks of Abaqus and CalculiX (.inp), bulk data of Nastran (.bdf, .dat,
-    .nas, .fem, .pch, .asm), Ansys (.cdb), all others by meshio."""
+    .nas, .fem, .pch, .asm), Ansys (.cdb), Gmsh (.msh), all others by meshio."""
     path = Path(path)
     check_file(path)
-    readers = {".inp": decks.read_deck, ".cdb": ansys.read_cdb}
+    readers = {".inp": decks.read_deck, ".cdb": ansys.read_cdb, ".msh": gmsh_meshes.read_mesh}
     readers |= dict.fromkeys((".bdf", ".dat", ".nas", ".fem", ".pch", ".asm"), bulk_data.read_mesh)
     return readers.get(path.suffix.lower(), _by_meshio)(path)
 
@@ -87,7 +86,7 @@ def name_frames(model: Structure, frames: dict[int, str]) -> list[str]:
 
 
 def _by_meshio(path: Path) -> Mesh:
-    """Any format of meshio; numbers of nodes where the format is that of Gmsh."""
+    """Any other format of meshio, without numbers of nodes."""
     meshio = imported("meshio", "meshes are read with")
     to_vtk = imported("meshio._vtk_common", "meshes are read with").meshio_to_vtk_type
     output = io.StringIO()
@@ -99,65 +98,7 @@ def _by_meshio(path: Path) -> Mesh:
         raise ModelError(
             f"file '{path}' is not a mesh that meshio reads: {' '.join(why.split()) or 'none of its readers takes it'}"
         ) from None
-    numbers = _numbers_of_gmsh(path) if path.suffix == ".msh" else None
-    if numbers is not None and len(numbers) != len(mesh.points):
-        numbers = None
-    names = np.arange(len(mesh.points)) if numbers is None else numbers
-    cells = [(int(to_vtk[block.type]), names[cell].tolist()) for block in mesh.cells for cell in block.data]
-    groups = mesh.point_sets | _physical_groups(mesh)
-    sets = {name: names[np.unique(np.asarray(members, dtype=np.int64))].tolist() for name, members in groups.items()}
+    cells = [(int(to_vtk[block.type]), cell.tolist()) for block in mesh.cells for cell in block.data]
+    sets, notes = one_per_name((name, np.unique(np.asarray(at, dtype=np.int64)).tolist()) for name, at in mesh.point_sets.items())
     points = np.hstack([mesh.points, np.zeros((len(mesh.points), 3 - mesh.points.shape[1]))])
-    return Mesh(numbers, points, cells, sets)
-
-
-def _physical_groups(mesh: Any) -> dict[str, np.ndarray]:
-    """Nodes of the named physical groups of Gmsh."""
-    tags = mesh.cell_data.get("gmsh:physical", [])
-    found = {}
-    for name, (tag, _) in mesh.field_data.items():
-        members = [np.asarray(block.data)[np.asarray(tag_of) == tag].ravel() for block, tag_of in zip(mesh.cells, tags)]
-        found[name] = np.unique(np.concatenate(members)) if members else np.zeros(0, dtype=int)
-    return found
-
-
-def _numbers_of_gmsh(path: Path) -> np.ndarray | None:
-    """Numbers (tags) of the nodes of a file of Gmsh, in its order: format 2.2 and 4.1, text or binary."""
-    data = path.read_bytes()
-    try:
-        version, is_binary = data.split(b"$MeshFormat", 1)[1].split()[:2]
-        body = data.split(b"$Nodes", 1)[1].split(b"\n", 1)[1]
-        if version.startswith(b"2"):
-            return _tags_of_gmsh_2(body, is_binary == b"1")
-        if version.startswith(b"4.1"):
-            return _tags_of_gmsh_4(body, is_binary == b"1")
-    except (IndexError, ValueError, struct.error):
-        raise ModelError(f"file '{path}': its section $Nodes is damaged") from None
-    return None
-
-
-def _tags_of_gmsh_2(body: bytes, is_binary: bool) -> np.ndarray:
-    first, rest = body.split(b"\n", 1)
-    n = int(first)
-    if is_binary:
-        return np.frombuffer(rest, np.dtype([("tag", "<i4"), ("x", "<f8", 3)]), n)["tag"].astype(np.int64)
-    return np.array([int(line.split()[0]) for line in rest.split(b"\n", n)[:n]], dtype=np.int64)
-
-
-def _tags_of_gmsh_4(body: bytes, is_binary: bool) -> np.ndarray:
-    """Blocks of the entities of the geometry: their tags, then their positions, with up to three parameters."""
-    found: list[np.ndarray] = []
-    if is_binary:
-        (n_blocks, *_), at = struct.unpack_from("<4Q", body), 32
-        for _ in range(n_blocks):
-            dimension, _, is_parametric = struct.unpack_from("<3i", body, at)
-            (n,) = struct.unpack_from("<Q", body, at + 12)
-            found.append(np.frombuffer(body, "<u8", n, at + 20))
-            at += 20 + n * 8 * (4 + (dimension if is_parametric else 0))
-    else:
-        lines = body.split(b"$EndNodes")[0].split(b"\n")
-        row = 1
-        for _ in range(int(lines[0].split()[0])):
-            n = int(lines[row].split()[3])
-            found.append(np.array([int(line) for line in lines[row + 1 : row + 1 + n]]))
-            row += 1 + 2 * n
-    return np.concatenate([np.zeros(0), *found]).astype(np.int64)
+    return Mesh(None, points, cells, sets, notes=notes)
