@@ -190,6 +190,44 @@ def test_grid_points_have_their_own_numbers(tmp_path):
     np.testing.assert_allclose(at[8:], [(at[a] + at[b]) / 2 for a, b in edges])  # as VTK has them
 
 
+def test_entries_that_repeat_others_are_those_of_nastran(tmp_path):
+    """= keeps a field, == all that follow, *x adds x, =n does the line before n times more."""
+    text = """BEGIN BULK
+GRID,1,,0.,-5.,2.+1
+=,*1,,*(2.5),==
+=(2)
+=,34,,=,7.,==
+=,*1,,=,*-1.0,==
+=1
+CBAR,1,100,1,2,150.,150.,300.
+=,*1,=,*1,*1,==
+GRID    50              1.0     2.0     3.0
+ENDDATA
+"""
+    mesh = read(tmp_path, text, "m.bdf")
+    assert dict(zip(mesh.numbers.tolist(), mesh.points.tolist())) == {
+        1: [0.0, -5.0, 20.0], 2: [2.5, -5.0, 20.0], 3: [5.0, -5.0, 20.0], 4: [7.5, -5.0, 20.0],
+        34: [7.5, 7.0, 20.0], 35: [7.5, 6.0, 20.0], 36: [7.5, 5.0, 20.0], 50: [1.0, 2.0, 3.0]}  # fmt: skip
+    assert mesh.cells == [(3, [1, 2]), (3, [2, 3])]
+    for bad, why in (
+        ("=,*1,==\n", "repeats no entry"),
+        ("GRID,1,,0.,0.,0.\n=2\n", "repeats no entry"),
+        ("GRID,1,,0.,0.,0.\n=,*x,==\n", "is 'x', not a number"),
+        ("GRID,1,,0.,0.,0.\n=,*1,==\nGRID,9,,0.,0.,1.\n=2\n", "repeats no entry"),
+        ("CHEXA,1,1,1,2,3,4,5,6\n,7,8\n=,*1,==\n", "line 4 repeats it, and it has continuations"),
+    ):
+        with pytest.raises(ModelError, match=why):
+            read(tmp_path, f"BEGIN BULK\n{bad}ENDDATA\n", "bad.bdf")
+
+
+def test_a_grid_point_may_stand_in_two_files_of_an_assembly(tmp_path):
+    one, other = "GRID,3,,1.,2.,3.\n", "GRID    3       0       1.0     2.0     3.0\n"
+    assert read(tmp_path, one + other, "m.bdf").points.tolist() == [[1.0, 2.0, 3.0]]
+    for wrong, why in (("GRID,3,,1.,2.,4.\n", "at two places"), ("GRID,3,,1.,2.,3.,7\n", "with two coordinate systems")):
+        with pytest.raises(ModelError, match=f"point 3 is given twice, {why}"):
+            read(tmp_path, one + wrong, "m.bdf")
+
+
 def test_directions_of_another_frame_are_not_called_x(tmp_path):
     text = "CORD2R,10,,1.,0.,0.,1.,0.,1.\n,1.,1.,0.\nGRID,1,10,2.,0.,0.,10\nGRID,2,,0.,0.,0.\n"
     model, notes = with_mesh(tmp_path, text, [1, 2], "m.bdf")

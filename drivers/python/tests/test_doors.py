@@ -352,6 +352,21 @@ def test_punched_dmig():
         np.testing.assert_allclose(np.sort(np.abs(matrix[matrix != 0])), np.sort(np.abs(values[values != 0])), rtol=1e-12)
 
 
+@pytest.mark.parametrize("folder, deck, results", [("nas2cam", "with_se.dat", "with_se_nas2cam"),
+                                                   ("nas2cam_extseout", "assemble.dat", "nas2cam"),
+                                                   ("cla_test_data", "residual.dat", "nas2cam")])  # fmt: skip
+def test_grid_points_stand_where_nastran_has_them(folder, deck, results):
+    """Decks with entries that repeat others, and assemblies of files that share points, beside the positions in OUTPUT2."""
+    path = package("pyyeti") / "tests" / folder
+    from pyyeti.nastran import op2
+
+    mesh = meshes.read_mesh(path / deck)
+    place = dict(zip(mesh.numbers.tolist(), mesh.points))
+    rows = op2.rdnas2cam(str(path / results))["uset"][0]
+    theirs = {int(point): row.to_numpy()[1:4].astype(float) for (point, dof), row in rows.iterrows() if dof == 1}
+    assert len(theirs) > 3 and all(np.array_equal(place[point], at) for point, at in theirs.items())
+
+
 # MATLAB
 
 
@@ -409,6 +424,21 @@ def test_damaged_sparse_matrix_of_matlab(tmp_path):
             file["K"][name] = np.array(values, dtype=kind)
         with pytest.raises(ModelError, match="m.mat"):
             import_structure(matlab=path, mass="M", stiffness="K")
+
+
+@pytest.mark.parametrize("kind, value, message", [("text", [[98]], "/M is text"), ("empty", [0, 0], "/M is empty")])
+def test_what_matlab_stores_beside_matrices(tmp_path, kind, value, message):
+    """One character is a 1 x 1 dataset, and an empty matrix is stored as its two zero dimensions."""
+    path = tmp_path / "m.mat"
+    matlab_73(path, np.eye(1), sp.identity(1))
+    with h5py.File(path, "r+") as file:
+        del file["M"]
+        file["M"] = np.array(value, dtype=np.uint16 if kind == "text" else np.uint64)
+        file["M"].attrs["MATLAB_class"] = np.bytes_("char" if kind == "text" else "double")
+        if kind == "empty":
+            file["M"].attrs["MATLAB_empty"] = np.uint8(1)
+    with pytest.raises(ModelError, match=message):
+        import_structure(matlab=path, mass="M", stiffness="K")
 
 
 # ROSS

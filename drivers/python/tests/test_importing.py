@@ -156,6 +156,22 @@ def test_physical_groups_of_gmsh_are_sets(tmp_path):
         meshes.add_mesh(nameless, tmp_path / "wire.msh")
 
 
+def test_groups_of_med_are_sets(tmp_path):
+    """Salome and code_aster give nodes and elements a family, and a family the names of its groups."""
+    meshio = pytest.importorskip("meshio")
+    points = np.array([[float(i), 0.0, 0.0] for i in range(4)])
+    mesh = meshio.Mesh(points, [("line", [[0, 1], [1, 2], [2, 3]])])
+    mesh.point_data["point_tags"] = np.array([0, 2, 2, 3])
+    mesh.cell_data["cell_tags"] = [np.array([-6, -7, -7])]
+    mesh.point_tags = {2: ["Middle"], 3: ["End", "Held"]}
+    mesh.cell_tags = {-6: ["first"], -7: ["rest", "Held"]}
+    mesh.write(tmp_path / "wire.med")
+    model = Structure(mass=sp.identity(4), stiffness=sp.identity(4), **importing.nodes_of_labels([f"n{i}.z" for i in (1, 2, 3, 4)]))
+    meshes.add_mesh(model, tmp_path / "wire.med", in_order=True)
+    assert {name: nodes.tolist() for name, nodes in model.sets.items()} == {
+        "middle": [1, 2], "end": [3], "held": [3], "first": [0, 1], "rest": [1, 2, 3]}  # fmt: skip
+
+
 def test_mesh_gives_points_cells_and_sets(chain, tmp_path):
     nodes = "".join(f"{10 * i}, {i}.0, 0.5, 0.0\n" for i in range(1, 4))
     (tmp_path / "mesh.inp").write_text(f"*NODE\n{nodes}*ELEMENT, TYPE=T3D2\n1, 10, 20\n2, 20, 30\n*NSET, NSET=TIP\n30\n")

@@ -61,6 +61,7 @@ def read_cards(path: Any) -> Iterator[Card]:
     if begin and not ends:
         raise ModelError(f"file '{path}', line {begin}: BEGIN BULK is without ENDDATA: the file is not whole")
     card: Card | None = None
+    pattern: list[str] = []  # of the last line that repeats an entry
     for number, text in enumerate(texts[begin:], start=begin + 1):
         text = text.split("$")[0].rstrip().expandtabs(8)
         if not text.strip():
@@ -78,6 +79,16 @@ def read_cards(path: Any) -> Iterator[Card]:
             yield from read_cards(target)
             continue
         name, fields = _fields(text)
+        if name.startswith("="):
+            pattern = fields if name == "=" else pattern
+            count = re.fullmatch(r"=(?:\(?(\d+)\)?)?", name)
+            if card is None or count is None or not pattern:
+                raise ModelError(f"file '{path}', line {number}: '{text.strip()}' repeats no entry")
+            for _ in range(int(count[1] or 1)):
+                yield card
+                card = _repeated(card, pattern, number)
+            continue
+        pattern = []
         if not re.match(r"[A-Za-z]", name):
             if card is None or name[:1] not in ("", "+", "*"):
                 raise ModelError(f"file '{path}', line {number}: '{text.strip()}' continues no entry")
@@ -88,6 +99,23 @@ def read_cards(path: Any) -> Iterator[Card]:
         card = Card(name.rstrip("*").upper(), fields, path, number)
     if card is not None:
         yield card
+
+
+def _repeated(card: Card, pattern: list[str], line: int) -> Card:
+    """The entry again: = keeps a field, == all that follow, *x or *(x) adds x; others are new."""
+    if len(card.fields) > len(pattern):
+        raise card.refuse(f"line {line} repeats it, and it has continuations")
+    rest = pattern.index("==") if "==" in pattern else len(pattern)
+    fields = [*pattern[:rest], *["="] * (len(pattern) - rest)]
+    for k, word in enumerate(fields):
+        step = re.fullmatch(r"\*\(?([^()]+)\)?", word)
+        if word == "=":
+            fields[k] = card.field(k)
+        elif step:
+            by = Card(card.name, [*fields[:k], step[1]], card.path, line)
+            is_whole = all(re.fullmatch(r"[+-]?\d+", text) for text in (card.field(k), step[1]))
+            fields[k] = str(card.whole(k) + by.whole(k)) if is_whole else repr(card.real(k) + by.real(k))
+    return Card(card.name, fields, card.path, line)
 
 
 def _fields(text: str) -> tuple[str, list[str]]:
@@ -166,9 +194,9 @@ _ELEMENTS: dict[str, tuple[int, int, int, dict[int, tuple[int, Any]]]] = {
     "CQUAD4": (2, 1, 4, _QUAD), "CQUAD8": (2, 1, 8, _QUAD), "CQUADR": (2, 1, 4, _QUAD), "CSHEAR": (2, 1, 4, _QUAD),
     "CTETRA": (2, 1, 10, {4: (10, None), 10: (24, None)}), "CPENTA": (2, 1, 15, {6: (13, None), 15: (26, _WEDGE15)}),
     "CHEXA": (2, 1, 20, {8: (12, None), 20: (25, _HEX20)}),
-    "CPYRAM": (2, 1, 13, {5: (14, None), 13: (27, None)}),
+    **dict.fromkeys(("CPYRAM", "CPYRA"), (2, 1, 13, {5: (14, None), 13: (27, None)})),
 }  # fmt: skip
-_NOT_DRAWN = re.compile(r"C(?!ORD|ONM|MASS|VISC|END)[A-Z]+\d*$")
+_NOT_DRAWN = re.compile(r"C(?!ORD|ONM|MASS|VISC|END|SET|SUP)[A-Z]+\d*$")
 
 
 def read_mesh(path: Any) -> Mesh:
@@ -183,10 +211,10 @@ def read_mesh(path: Any) -> Mesh:
     for card in cards:
         if card.name == "GRID":
             number = card.whole(0)
-            if number in points:
-                raise card.refuse(f"point {number} is given twice")
-            at = card.whole(1, 0 if default is None else default.whole(1, 0))
-            points[number] = _in_basic(at, np.array([card.real(k, 0.0) for k in (2, 3, 4)]), systems, card)
+            system = card.whole(1, 0 if default is None else default.whole(1, 0))
+            at = _in_basic(system, np.array([card.real(k, 0.0) for k in (2, 3, 4)]), systems, card)
+            if not np.array_equal(points.setdefault(number, at), at):
+                raise card.refuse(f"point {number} is given twice, at two places")
         elif card.name == "SPOINT":
             for number in _scalar_points(card):
                 points[number] = np.full(3, np.nan)
@@ -213,7 +241,10 @@ def frames_of(path: Any) -> dict[int, str]:
 
 def _frames(cards: list[Card]) -> dict[int, str]:
     default = next((card.whole(5, 0) for card in cards if card.name == "GRDSET"), 0)
-    along = {card.whole(0): card.whole(5, default) for card in cards if card.name == "GRID"}
+    along: dict[int, int] = {}
+    for card in cards:
+        if card.name == "GRID" and along.setdefault(card.whole(0), card.whole(5, default)) != card.whole(5, default):
+            raise card.refuse(f"point {card.whole(0)} is given twice, with two coordinate systems")
     return {point: f"point {point} moves along the axes of the coordinate system {system}"
             for point, system in along.items() if system > 0}  # fmt: skip
 

@@ -101,6 +101,8 @@ def _of_hdf5(item: Any) -> Any:
     if isinstance(item, h5py.Dataset):
         if item.dtype.kind == "V":
             raise ValueError(f"{item.name} is complex")
+        if item.attrs.get("MATLAB_empty", 0) or item.attrs.get("MATLAB_class", b"") == b"char":
+            raise ValueError(f"{item.name} is {'empty' if item.attrs.get('MATLAB_empty', 0) else 'text'}")
         return item[()].T
     if "MATLAB_sparse" not in item.attrs or "jc" not in item:
         raise ValueError(f"{item.name} is not a matrix")

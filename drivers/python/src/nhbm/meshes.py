@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -99,6 +100,23 @@ def _by_meshio(path: Path) -> Mesh:
             f"file '{path}' is not a mesh that meshio reads: {' '.join(why.split()) or 'none of its readers takes it'}"
         ) from None
     cells = [(int(to_vtk[block.type]), cell.tolist()) for block in mesh.cells for cell in block.data]
-    sets, notes = one_per_name((name, np.unique(np.asarray(at, dtype=np.int64)).tolist()) for name, at in mesh.point_sets.items())
+    sets, notes = one_per_name((name, np.unique(np.asarray(at, dtype=np.int64)).tolist()) for name, at in _groups(mesh))
     points = np.hstack([mesh.points, np.zeros((len(mesh.points), 3 - mesh.points.shape[1]))])
     return Mesh(None, points, cells, sets, notes=notes)
+
+
+def _groups(mesh: Any) -> Iterator[tuple[str, Any]]:
+    """Sets of nodes, and the nodes of sets of elements whose names are not taken; groups of MED by their families."""
+    points: dict[str, list[Any]] = {name: [at] for name, at in mesh.point_sets.items()}
+    cells: dict[str, list[Any]] = {}
+    for name, blocks in mesh.cell_sets.items():
+        cells[name] = [block.data[at].ravel() for block, at in zip(mesh.cells, blocks) if at is not None]
+    for family, names in getattr(mesh, "point_tags", {}).items():
+        for name in names:
+            points.setdefault(name, []).append(np.flatnonzero(mesh.point_data["point_tags"] == family))
+    for family, names in getattr(mesh, "cell_tags", {}).items():
+        for name in names:
+            of_blocks = zip(mesh.cells, mesh.cell_data["cell_tags"])
+            cells.setdefault(name, []).extend(block.data[np.asarray(tags) == family].ravel() for block, tags in of_blocks)
+    for name, parts in (cells | points).items():
+        yield name, np.concatenate([np.zeros(0, dtype=np.int64), *(np.asarray(part, dtype=np.int64) for part in parts)])
