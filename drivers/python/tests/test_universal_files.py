@@ -63,6 +63,64 @@ def test_what_is_missing_is_asked_for(tmp_path):
         nhbm.read_uff(tmp_path / "unknown.uff", force=1.0)
 
 
+def text_file(path, *, kind=4, types=(18, 12, 13), units=("Hz", "m/s^2", "N"), values=RECEPTANCE * -(OMEGA**2), factors=None):
+    """Dataset 58 with labels of units, as test software writes it, and 164 where there are factors of length and force."""
+    lines = []
+    if factors:
+        numbers = "".join(f"{x:25.16E}" for x in (*factors, 1.0))
+        lines = ["    -1", "   164", f"{9:10d}{'own':<20}{2:10d}", numbers, f"{0.0:25.16E}", "    -1"]
+    lines += ["    -1", "    58", *["NONE"] * 5, f"{kind:5d}{1:10d}{0:5d}{0:10d} {'NONE':<10}{12:10d}{3:4d} {'NONE':<10}{3:10d}{3:4d}",
+              f"{6:10d}{len(values):10d}{0:10d}{0.0:13.5E}{0.0:13.5E}{0.0:13.5E}"]  # fmt: skip
+    lines += [f"{number:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}" for number, unit in zip((*types, 0), (*units, "NONE"))]
+    lines += [f"{hertz:13.5E}{value.real:20.12E}{value.imag:20.12E}" for hertz, value in zip(HERTZ, values)]
+    path.write_text("\n".join([*lines, "    -1"]) + "\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize("unit, factor, factors", [
+    ("m/s^2", 1.0, None), ("m/s²", 1.0, None), ("(1/N)*(m/s²)", 1.0, None), ("m/sec**2", 1.0, None), ("NONE", 1.0, None),
+    ("mm/s2", 1e3, (1e3, 1.0)), ("in/s^2", 1 / 0.0254, (1 / 0.0254, 1.0)), ("MM/S^2", 1e3, (1e3, 1.0)),
+])  # fmt: skip
+def test_labels_of_units_agree_with_the_types(tmp_path, unit, factor, factors):
+    text_file(tmp_path / "m.uff", units=("Hz", unit, "NONE"), values=RECEPTANCE * -(OMEGA**2) * factor, factors=factors)
+    np.testing.assert_allclose(nhbm.read_uff(tmp_path / "m.uff", force=1.0)["amplitude"], abs(RECEPTANCE), rtol=1e-9)
+
+
+@pytest.mark.parametrize("units, unit, factor, order", [
+    (("Hz", "g", "N"), "g/N", 1 / 9.80665, 2), (("Hz", "g/lbf", "NONE"), "g/lbf", 4.4482216152605 / 9.80665, 2),
+    (("Hz", "mm/s^2", "N"), "mm/s^2/N", 1e3, 2), (("Hz", "m/s", "N"), "m/s/N", 1.0, 1), (("Hz", "µm", "N"), "um/N", 1e6, 0),
+    (("Hz", "m/s^2", "kN"), "m/s^2/kN", 1e3, 2), (("Hz", "dB", "NONE"), "m/s^2/N", 1.0, 2),
+    (("Hz", "V", "V"), "g/N", 1 / 9.80665, 2),
+])  # fmt: skip
+def test_labels_that_disagree_with_the_types_need_a_unit(tmp_path, units, unit, factor, order):
+    """Values in g, for instance, beside types and a dataset 164 by which they are in m/s2."""
+    text_file(tmp_path / "m.uff", units=units, values=RECEPTANCE * (1j * OMEGA) ** order * factor)
+    with pytest.raises(ModelError, match="by its label, and by its types and dataset 164 another unit: give unit="):
+        nhbm.read_uff(tmp_path / "m.uff", force=1.0)
+    found = nhbm.read_uff(tmp_path / "m.uff", force=1.0, unit=unit)
+    np.testing.assert_allclose(found["amplitude"], abs(RECEPTANCE), rtol=1e-9)
+    np.testing.assert_allclose(found["phase"], np.angle(RECEPTANCE), atol=1e-9)
+
+
+def test_what_a_function_is_must_be_told(tmp_path):
+    path = tmp_path / "m.uff"
+    for change, why in (
+        ({"types": (18, 1, 0), "units": ("Hz", "(1/N)*(m/s²)", "NONE")}, "is not told what was measured; its label is '.1/N.*m/s"),
+        ({"types": (18, 12, 0), "units": ("Hz", "NONE", "NONE")}, "does not tell what its reference is: give unit="),
+        ({"types": (18, 12, 12)}, "its reference is of the type 12, not a force"),
+        ({"kind": 9, "types": (18, 12, 0)}, "is a function of the type 9, not a frequency response"),
+        ({"kind": 6}, "is a function of the type 6"),
+        ({"units": ("RPM", "m/s^2", "N")}, "is over 'RPM', not over Hz or rad/s"),
+        ({"units": ("kHz", "m/s^2", "N")}, "is over 'kHz'"),
+    ):
+        text_file(path, **change)
+        with pytest.raises(ModelError, match=why):
+            nhbm.read_uff(path, force=1.0)
+    text_file(path, types=(18, 1, 0), units=("Hz", "(1/N)*(m/s²)", "NONE"))
+    np.testing.assert_allclose(nhbm.read_uff(path, 1.0, unit="m/s^2/N")["amplitude"], abs(RECEPTANCE), rtol=1e-9)
+    with pytest.raises(ModelError, match="'furlong' is not the unit of a motion"):
+        nhbm.read_uff(path, 1.0, unit="furlong")
+
+
 def test_what_is_written_is_read(tmp_path):
     write_uff(tmp_path / "m.uff", HERTZ, RECEPTANCE, (12, "+Z"), True, "a curve")
     found = nhbm.read_uff(tmp_path / "m.uff", force=3.0)

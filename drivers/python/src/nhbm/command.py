@@ -105,6 +105,7 @@ def parser() -> argparse.ArgumentParser:
     verb.add_argument("--by", action="append", required=True, metavar="PATH", help="a parameter, such as law(stop)%%gap")
     verb.add_argument("--force", type=float, metavar="N", help="amplitude of the force of a universal file (.uff)")
     verb.add_argument("--function", metavar="NAME", help="which one of a universal file, such as 12:+Z/3:+Z")
+    verb.add_argument("--unit", metavar="UNIT", help="of its values where it does not tell them, such as m/s^2/N, g/lbf or mm")
     verb.add_argument("--of", required=True, metavar="RESPONSE", help="the harmonic that was measured, such as 'x1 (1)'")
     verb.add_argument("--order", type=int, metavar="N", help="order of the harmonics")
     verb.add_argument("--tolerance", type=float, metavar="T", help="instead: relative error of the motions (default: 0.01)")
@@ -216,9 +217,7 @@ def _reduction(verb: Any, n_modes: int, more: str = "", methods: Any = reduction
     default = "krylov with --up-to and without --modes, else free-interface" if has_krylov else methods[0]
     verb.add_argument("--modes", type=int, help=f"number of modes{' ' * bool(more)}{more} (default: {n_modes})")
     verb.add_argument("--method", choices=methods, help=f"(default: {default})")
-    verb.add_argument(
-        "--up-to", type=float, metavar="RAD/S", help="highest frequency of use, up to which errors are reported"
-    )
+    verb.add_argument("--up-to", type=float, metavar="RAD/S", help="highest frequency of use, up to which errors are reported")
     verb.add_argument("--no-error", action="store_true", help="do not compare with the full model")
     verb.add_argument("--tolerance", type=float, metavar="E",
                       help="largest error up to there: the modes are doubled until it is met"
@@ -311,9 +310,9 @@ def run_fit(options: Any) -> int:
     from nhbm.universal_files import read_uff
 
     is_universal = options.data.lower().endswith((".uff", ".unv", ".uf"))
-    if not is_universal and (options.force is not None or options.function is not None):
-        raise ModelError("--force and --function belong to universal files (.uff)")
-    data = read_uff(options.data, options.force, options.function) if is_universal else options.data
+    if not is_universal and any(value is not None for value in (options.force, options.function, options.unit)):
+        raise ModelError("--force, --function and --unit belong to universal files (.uff)")
+    data = read_uff(options.data, options.force, options.function, options.unit) if is_universal else options.data
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotConverged)  # printed with the fit
         warnings.filterwarnings("ignore", ".* a model leaves out ", Implausible)  # a fit has frequencies of its own

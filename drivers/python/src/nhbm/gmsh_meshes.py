@@ -176,7 +176,7 @@ class _Mesh:
             raise ValueError(f"it has {n_elements} elements, not {expected}")
 
     def add_rows(self, body: bytes, is_binary: bool, expected: int) -> int:
-        """Elements of the format 2.2; in text one a line: number, type, number of tags, tags, the first of which is its group, nodes.
+        """Elements of the format 2.2; in text one a line: number, type, number of tags, tags, first its group, nodes.
         In binary type, number of elements and number of tags stand before the rest of each. Returns their number."""
         blocks: dict[tuple[int, int], list[list[int]]] = {}
         if is_binary:

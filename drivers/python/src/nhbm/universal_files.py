@@ -19,6 +19,9 @@ _ORDERS = {_DISPLACEMENT: 0, _VELOCITY: 1, _ACCELERATION: 2}  # of the derivativ
 _AXES = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z", 4: "+RX", -4: "-RX",
          5: "+RY", -5: "-RY", 6: "+RZ", -6: "-RZ", 0: ""}  # fmt: skip
 _FRF, _SPECTRUM = 4, 12  # kinds of functions
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "mil": 2.54e-5, "ft": 0.3048}
+_FORCES = {"n": 1.0, "kn": 1e3, "lbf": 4.4482216152605, "lb": 4.4482216152605, "kgf": 9.80665, "dyn": 1e-5}
+_GRAVITY = 9.80665
 _DTYPES = {2: ("f4", 1), 4: ("f8", 1), 5: ("f4", 2), 6: ("f8", 2)}  # of the ordinate: kind, numbers a value
 
 
@@ -31,12 +34,13 @@ class Function:
     abscissa: np.ndarray
     values: np.ndarray
     abscissa_type: int
-    abscissa_unit: str
     numerator: int
     denominator: int
+    factors: tuple[float, float]  # of dataset 164: a length and a force of the SI in the units of the file
+    units: tuple[str, ...]  # labels of abscissa, ordinate and its denominator
 
 
-def read_uff(path: Any, force: float | None = None, function: str | None = None) -> dict[str, np.ndarray]:
+def read_uff(path: Any, force: float | None = None, function: str | None = None, unit: str | None = None) -> dict[str, np.ndarray]:
     """A measured response of a universal file (58, 58b), for `fit`.
 
     Parameters
@@ -47,38 +51,86 @@ def read_uff(path: Any, force: float | None = None, function: str | None = None)
         Amplitude of the force [N] at which a frequency response function was measured: the file has only their ratio.
     function : str, optional
         Which one, by response and reference, "12:+Z/3:+Z"; needed where there are several.
+    unit : str, optional
+        Of the values, such as "m/s^2/N", "g/lbf" or "mm": needed where the file does not tell it, or its label tells another one
+        than its types and dataset 164.
 
     Returns
     -------
     dict
         `hertz` [Hz], or `frequency` [rad/s] where the file has that unit, `amplitude` [m], of the displacement also where velocity
         or acceleration was measured, `phase` [rad], negative where it lags behind the force. Points at zero frequency are left out.
+        Spectra are taken as amplitudes: a file does not tell whether they are RMS values.
     """
     path = Path(path)
     found = _chosen(path, functions_of(path), function)
-    if found.numerator not in _ORDERS:
-        raise ModelError(f"'{path}': {found.name} has the ordinate type {found.numerator}, not displacement (8), velocity (11) or "
-                         "acceleration (12): it is not told what was measured")  # fmt: skip
+    order, scale, is_ratio = _measured(f"'{path}': {found.name}", found, unit)
     if found.abscissa_type != _FREQUENCY:
         raise ModelError(f"'{path}': {found.name} is over the type {found.abscissa_type}, not over the frequency (18)")
+    over = found.units[0].lower()
+    if over not in ("", "none", "hz", "hertz", "rad/s", "rad/sec"):
+        raise ModelError(f"'{path}': {found.name} is over '{found.units[0]}', not over Hz or rad/s")
     if not np.iscomplexobj(found.values):
         raise ModelError(f"'{path}': {found.name} is real, without a phase")
-    is_ratio = found.denominator in (_FORCE, _REACTION)
-    if found.denominator not in (_FORCE, _REACTION, 0):
-        raise ModelError(f"'{path}': the reference of {found.name} is of the type {found.denominator}, not a force (13)")
     if is_ratio and force is None:
         raise ModelError(f"'{path}': {found.name} is a response divided by the force; give the amplitude of the force [N]: force=")
     if not is_ratio and force is not None:
         raise ModelError(f"'{path}': {found.name} has no force as its reference; leave out force=")
     if force is not None and not 0 < force < np.inf:
         raise ModelError(f"the force is an amplitude [N] above 0, not {force}")
-    is_circular = "rad" in found.abscissa_unit.lower()
+    is_circular = over.startswith("rad")
     used = found.abscissa > 0
     omega = found.abscissa[used] * (1.0 if is_circular else 2 * np.pi)
-    motion = found.values[used] / (1j * omega) ** _ORDERS[found.numerator] * (force or 1.0)
+    motion = found.values[used] * scale / (1j * omega) ** order * (force or 1.0)
     if not (np.abs(motion) > 0).all() or not np.isfinite(motion).all():
         raise ModelError(f"'{path}': {found.name} has a value that is zero or not finite")
     return {"frequency" if is_circular else "hertz": found.abscissa[used], "amplitude": np.abs(motion), "phase": np.angle(motion)}
+
+
+def _measured(what: str, found: Function, unit: str | None) -> tuple[int, float, bool]:
+    """Order of the derivative by time, factor from the values to the SI, whether they are divided by a force."""
+    if found.kind not in (0, _FRF, _SPECTRUM):
+        raise ModelError(f"{what} is a function of the type {found.kind}, not a frequency response (4) or a spectrum (12)")
+    numerator, denominator = ("" if text.upper() == "NONE" else text for text in found.units[1:])
+    has_force = (_unit_of(numerator) or (0, 1.0, False))[2]
+    label = f"{numerator}/{denominator}" if numerator and denominator and not has_force else numerator
+    said = _unit_of(label)
+    if unit is not None:
+        wanted = _unit_of(unit)
+        if wanted is None:
+            raise ModelError(f"'{unit}' is not the unit of a motion, alone or divided by a force, such as m/s^2/N, g/lbf or mm")
+        return wanted
+    remedy = f"{f'; its label is {label!r}' * bool(label)}: give unit=, such as m/s^2/N"
+    if found.numerator not in _ORDERS:
+        raise ModelError(f"{what} has the ordinate type {found.numerator}, not displacement (8), velocity (11) or acceleration "
+                         f"(12): it is not told what was measured{remedy}")  # fmt: skip
+    if found.denominator not in (_FORCE, _REACTION, 0):
+        raise ModelError(f"{what}: its reference is of the type {found.denominator}, not a force (13)")
+    if found.denominator == 0 and found.kind != _SPECTRUM:
+        raise ModelError(f"{what} does not tell what its reference is{remedy}")
+    length, force = found.factors
+    is_ratio = found.denominator != 0
+    by_types = _ORDERS[found.numerator], force**is_ratio / length, is_ratio
+    expected = by_types[1] if said is None or said[2] == is_ratio else 1 / length
+    if label and (said is None or said[0] != by_types[0] or not 0.98 < said[1] / expected < 1.02):
+        raise ModelError(f"{what} has values in {label!r} by its label, and by its types and dataset 164 another unit: "
+                         "give unit=, such as m/s^2/N")  # fmt: skip
+    return by_types
+
+
+def _unit_of(text: str) -> tuple[int, float, bool] | None:
+    """Order of the derivative by time, factor to the SI, whether it is divided by a force, of a unit such as (1/N)*(m/s^2)."""
+    text = re.sub(r"(?<=s)[\ufffd\u00b2]+", "2", text.strip().lower())
+    text = re.sub(r"[\ufffd\u00b5\u03bc]+(?=m)", "u", text).replace("sec", "s").replace("s/s", "s2")
+    text = re.sub(r"[\s()^*\[\]]", "", re.sub(r"^\(?1/([a-z]+)\)?\*(.*)", r"\2/\1", text))
+    match = re.fullmatch(r"([a-z]+)(/s2?)?(?:/([a-z]+))?", text)
+    if match is None or (match[3] and match[3] not in _FORCES):
+        return None
+    force = _FORCES[match[3]] if match[3] else 1.0
+    if match[1] in ("g", "gn"):
+        return None if match[2] else (2, _GRAVITY / force, bool(match[3]))
+    order = {None: 0, "/s": 1, "/s2": 2}[match[2]]
+    return (order, _LENGTHS[match[1]] / force, bool(match[3])) if match[1] in _LENGTHS else None
 
 
 def _chosen(path: Path, known: list[Function], name: str | None) -> Function:
@@ -94,7 +146,7 @@ def _chosen(path: Path, known: list[Function], name: str | None) -> Function:
 
 
 def functions_of(path: Any) -> list[Function]:
-    """All functions of a file, in units of the SI."""
+    """All functions of a file."""
     path = Path(path)
     check_file(path)
     data = path.read_bytes()
@@ -180,11 +232,9 @@ def _function(lines: _Lines, head: str, length: float, force: float) -> Function
         raise ValueError("a function has a number that is not finite")
     abscissa = first + step * np.arange(n) if is_even else columns[:, 0]
     values = columns[:, -1] if per_value == 1 else columns[:, -2] + 1j * columns[:, -1]
-    scale = (1 / length if types[1] in _ORDERS else 1 / force if types[1] in (_FORCE, _REACTION) else 1.0)
-    scale *= length if types[2] in _ORDERS else force if types[2] in (_FORCE, _REACTION) else 1.0
-    unit = axes[0][47:67].strip()
+    units = tuple(axis[47:67].strip() for axis in axes[:3])
     name = "/".join(f"{node}:{_AXES.get(axis, axis)}" for node, axis in ends)
-    return Function(name, int(kind_of[:5]), abscissa, values * scale, types[0], unit, types[1], types[2])
+    return Function(name, int(kind_of[:5]), abscissa, values, types[0], types[1], types[2], (length, force), units)
 
 
 def _binary(lines: _Lines, n: int, kind: str, per_value: int, is_even: bool) -> np.ndarray:
