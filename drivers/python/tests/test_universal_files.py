@@ -69,7 +69,8 @@ def text_file(path, *, kind=4, types=(18, 12, 13), units=("Hz", "m/s^2", "N"), v
     if factors:
         numbers = "".join(f"{x:25.16E}" for x in (*factors, 1.0))
         lines = ["    -1", "   164", f"{9:10d}{'own':<20}{2:10d}", numbers, f"{0.0:25.16E}", "    -1"]
-    lines += ["    -1", "    58", *["NONE"] * 5, f"{kind:5d}{1:10d}{0:5d}{0:10d} {'NONE':<10}{12:10d}{3:4d} {'NONE':<10}{3:10d}{3:4d}",
+    ends = f"{'NONE':<10}{12:10d}{3:4d} {'NONE':<10}{3:10d}{3:4d}"
+    lines += ["    -1", "    58", *["NONE"] * 5, f"{kind:5d}{1:10d}{0:5d}{0:10d} {ends}",
               f"{6:10d}{len(values):10d}{0:10d}{0.0:13.5E}{0.0:13.5E}{0.0:13.5E}"]  # fmt: skip
     lines += [f"{number:10d}{0:5d}{0:5d}{0:5d} {'NONE':<20} {unit:<20}" for number, unit in zip((*types, 0), (*units, "NONE"))]
     lines += [f"{hertz:13.5E}{value.real:20.12E}{value.imag:20.12E}" for hertz, value in zip(HERTZ, values)]
