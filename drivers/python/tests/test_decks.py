@@ -136,12 +136,17 @@ def test_cylindrical_positions(tmp_path):
         ("*NODE\n1, 0.\n*ELEMENT, TYPE=T3D2\n1, 1, 2\n", "element 1 has the node 2, which no \\*NODE defines"),
         ("*NODE\n1, 0.\n*INSTANCE, NAME=A, PART=P\n*INSTANCE, NAME=B, PART=P\n", "several \\*INSTANCE"),
         ("*HEADING\nnothing\n", "has no \\*NODE with nodes"),
-        ("*NODE\n1, 0.\n*STEP\n*FREQUENCY\n", "line 3: this \\*STEP has no \\*END STEP: the deck is not whole"),
     ],
 )
 def test_decks_that_are_not_right_are_named(tmp_path, text, message):
     with pytest.raises(ModelError, match=message):
         read(tmp_path, text)
+
+
+def test_a_step_without_an_end_is_told(tmp_path):
+    """CalculiX takes it: seven of its own examples end so."""
+    mesh = read(tmp_path, "*NODE\n1, 0.\n*STEP\n*FREQUENCY\n")
+    assert mesh.numbers.tolist() == [1] and mesh.notes == ["the *STEP of line 3 has no *END STEP: it may not be whole"]
 
 
 def test_a_last_line_without_an_end_is_told(tmp_path):
@@ -161,6 +166,36 @@ def test_bulk_data_that_is_not_whole(tmp_path, text, message):
     (tmp_path / "m.bdf").write_text(text)
     with pytest.raises(ModelError, match=message):
         bulk_data.read_dmig(tmp_path / "m.bdf")
+
+
+@pytest.mark.parametrize("program", ["nastran", "abaqus"])
+def test_no_part_of_matrices_without_a_count_is_taken_for_the_whole(tmp_path, program):
+    """A chain of masses whose file ends at any line: it is refused, or told that something has no stiffness."""
+    n = 5
+    stiffness, mass = ({(i, j): value for i in range(n) for j, value in ((i, diagonal), (i + 1, off)) if j < n}
+                       for diagonal, off in ((2.0, -1.0), (4.0, 1.0)))  # fmt: skip
+    if program == "nastran":
+        lines = [line for name, terms in (("M", mass), ("K", stiffness)) for line in (f"DMIG,{name},0,6,2,0\n", *(
+            f"DMIG,{name},{i + 1},3,,{j + 1},3,{value}\n" if i == j else f",{j + 1},3,{value}\n" for (i, j), value in terms.items()))]  # fmt: skip
+        first = lines.index("DMIG,K,0,6,2,0\n")
+    else:
+        (tmp_path / "m.mtx").write_text("".join(f"{i + 1},3,{j + 1},3,{value}\n" for (i, j), value in mass.items()))
+        lines = [f"{i + 1},3,{j + 1},3,{value}\n" for (i, j), value in stiffness.items()]
+        first = 0
+
+    def take(end):
+        (tmp_path / "k.pch").write_text("".join(lines[:end]))
+        if program == "nastran":
+            return importing.import_structure(nastran=tmp_path / "k.pch", mass="M", stiffness="K")
+        return importing.import_structure(abaqus=True, mass=tmp_path / "m.mtx", stiffness=tmp_path / "k.pch")
+
+    assert take(len(lines)).notes == []
+    for end in range(first, len(lines)):
+        try:
+            notes = take(end).notes
+        except ModelError:
+            continue
+        assert any("have no stiffness" in note or "has no stiffness" in note for note in notes), end
 
 
 def test_held_nodes_of_a_set_are_told(tmp_path):

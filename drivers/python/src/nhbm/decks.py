@@ -124,9 +124,9 @@ def read_deck(path: Any) -> Mesh:
     for block in _blocks(Path(path)):
         deck.take(block)
         in_step = block.head if block.keyword == "STEP" else None if block.keyword == "END STEP" else in_step
-    if in_step is not None:
-        raise in_step.refuse("this *STEP has no *END STEP: the deck is not whole")
     mesh = deck.mesh(Path(path))
+    if in_step is not None:
+        mesh.notes.append(f"the *STEP of line {in_step.number} has no *END STEP: it may not be whole")
     if not Path(path).read_bytes().endswith(b"\n"):
         mesh.notes.append("its last line has no end: it may not be whole")
     return mesh

@@ -182,6 +182,10 @@ def _drop_empty(model: Structure, is_wanted: bool) -> None:
     """Rows without mass and stiffness are named, or left out."""
     entries = sum(abs(matrix) + abs(matrix).T for matrix in model.matrices().values())
     empty = np.flatnonzero(np.asarray(entries.sum(axis=1)).ravel() == 0)
+    loose = np.setdiff1d(np.flatnonzero(np.asarray((abs(model.stiffness) + abs(model.stiffness).T).sum(axis=1)).ravel() == 0), empty)
+    if len(loose):
+        model.notes.append(f"{len(loose)} of {model.n_dofs} degrees of freedom, the first of which is {model.labels[loose[0]]}, have "
+                           "no stiffness")  # fmt: skip
     if not len(empty):
         return
     first = model.labels[empty[0]]
@@ -411,7 +415,10 @@ def from_abaqus(paths: dict[str, Path], **more: Any) -> Structure:
     free = np.flatnonzero(is_free)
     matrices = {name: matrix[free][:, free] for name, matrix in matrices.items()}
     labels = [f"n{node}.{DIRECTIONS[direction]}" for (node, direction), known in zip(index, is_free) if known]
-    return Structure(**matrices, **nodes_of_labels(labels), **more)
+    model = Structure(**matrices, **nodes_of_labels(labels), **more)
+    for name, path in paths.items():
+        _check_diagonal(model, name, f"file '{path}'")
+    return model
 
 
 def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
@@ -432,8 +439,21 @@ def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
     matrices = {name: dmig.matrix(index) for name, dmig in entries.items()}
     labels = [f"n{node}.{DIRECTIONS.get(direction, 's')}" for node, direction in index]
     model = Structure(**matrices, **nodes_of_labels(labels), **more)
+    for name, card in names.items():
+        _check_diagonal(model, name, f"file '{path}': DMIG '{card}'")
     name_frames(model, bulk_data.frames_of(path))
     return model
+
+
+def _check_diagonal(model: Structure, name: str, what: str) -> None:
+    """A symmetric stiffness or mass has the diagonal of each row that has other terms: one that is absent is a sign of columns that
+    are missing, in formats without a count of terms."""
+    matrix = model.matrices()[name]
+    if name not in ("stiffness", "mass") or (matrix != matrix.T).nnz:
+        return
+    bare = np.flatnonzero((np.asarray(abs(matrix).sum(axis=1)).ravel() > 0) & (matrix.diagonal() == 0))
+    if len(bare):
+        raise ModelError(f"{what} is not whole: {model.labels[bare[0]]} has terms, but none on the diagonal")
 
 
 def _table(path: Any, n_columns: Any, n_whole: Any, hints: dict[int, str] | None = None) -> np.ndarray:
