@@ -175,8 +175,11 @@ def test_no_part_of_matrices_without_a_count_is_taken_for_the_whole(tmp_path, pr
     stiffness, mass = ({(i, j): value for i in range(n) for j, value in ((i, diagonal), (i + 1, off)) if j < n}
                        for diagonal, off in ((2.0, -1.0), (4.0, 1.0)))  # fmt: skip
     if program == "nastran":
-        lines = [line for name, terms in (("M", mass), ("K", stiffness)) for line in (f"DMIG,{name},0,6,2,0\n", *(
-            f"DMIG,{name},{i + 1},3,,{j + 1},3,{value}\n" if i == j else f",{j + 1},3,{value}\n" for (i, j), value in terms.items()))]  # fmt: skip
+        lines = []
+        for name, terms in (("M", mass), ("K", stiffness)):
+            lines.append(f"DMIG,{name},0,6,2,0\n")
+            for (i, j), value in terms.items():
+                lines.append((f"DMIG,{name},{i + 1},3," if i == j else "") + f",{j + 1},3,{value}\n")
         first = lines.index("DMIG,K,0,6,2,0\n")
     else:
         (tmp_path / "m.mtx").write_text("".join(f"{i + 1},3,{j + 1},3,{value}\n" for (i, j), value in mass.items()))

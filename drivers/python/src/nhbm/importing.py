@@ -180,12 +180,15 @@ def _with_labels(read: dict[str, Any], names: list[str] | None, source: str, mor
 
 def _drop_empty(model: Structure, is_wanted: bool) -> None:
     """Rows without mass and stiffness are named, or left out."""
-    entries = sum(abs(matrix) + abs(matrix).T for matrix in model.matrices().values())
-    empty = np.flatnonzero(np.asarray(entries.sum(axis=1)).ravel() == 0)
-    loose = np.setdiff1d(np.flatnonzero(np.asarray((abs(model.stiffness) + abs(model.stiffness).T).sum(axis=1)).ravel() == 0), empty)
+
+    def rows_without(*matrices: Any) -> np.ndarray:
+        return np.flatnonzero(np.asarray(sum(abs(one) + abs(one).T for one in matrices).sum(axis=1)).ravel() == 0)
+
+    empty = rows_without(*model.matrices().values())
+    loose = np.setdiff1d(rows_without(model.stiffness), empty)
     if len(loose):
-        model.notes.append(f"{len(loose)} of {model.n_dofs} degrees of freedom, the first of which is {model.labels[loose[0]]}, have "
-                           "no stiffness")  # fmt: skip
+        which = f"{len(loose)} of {model.n_dofs} degrees of freedom, the first of which is {model.labels[loose[0]]},"
+        model.notes.append(f"{which} have no stiffness")
     if not len(empty):
         return
     first = model.labels[empty[0]]
