@@ -17,7 +17,7 @@ ENTITIES = [
     (3, 1, [1], 4, [[40, 10, 30, 20]]),
 ]
 NAMES = {(0, 5): "Corner", (2, 1): "root", (2, 2): "tip", (2, 3): "contact", (3, 1): "bar"}
-SETS = {"corner": [20], "root": [40, 10, 30], "tip": [40, 10, 20], "contact": [40, 10, 30, 20], "bar": [40, 10, 30, 20]}
+SETS = {"Corner": [20], "root": [40, 10, 30], "tip": [40, 10, 20], "contact": [40, 10, 30, 20], "bar": [40, 10, 30, 20]}
 
 
 def numbers(is_binary, *items):

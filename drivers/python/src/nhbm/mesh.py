@@ -24,10 +24,10 @@ class Mesh:
 
 
 def one_per_name(sets: Iterable[tuple[str, list[int]]]) -> tuple[dict[str, list[int]], list[str]]:
-    """Sets by their names in lower case, as inputs compare them; of several with one name none is taken, which the notes say."""
-    found: dict[str, list[list[int]]] = {}
+    """Sets by their names, which inputs compare in lower case; of several with one name none is taken, which the notes say."""
+    found: dict[str, list[tuple[str, list[int]]]] = {}
     for name, members in sets:
-        found.setdefault(name.lower(), []).append(members)
+        found.setdefault(name.lower(), []).append((name, members))
     notes = [f"{len(several)} sets have the name '{name}' in lower case: none of them is taken"
              for name, several in found.items() if len(several) > 1]  # fmt: skip
-    return {name: several[0] for name, several in found.items() if len(several) == 1}, notes
+    return dict(several[0] for several in found.values() if len(several) == 1), notes
