@@ -14,7 +14,7 @@ module hb_noise_response
    use hb_lapack, only: dgetrf, dgetrs, dpotrs
    use hb_matrix_exponential, only: multiply_by, turn_covariance, work_of_product
    use hb_monodromy, only: find_transfer_over, monodromy_t, n_instants_of
-   use hb_stability, only: few_periods, noise_response_t, noise_status, stability_config_t
+   use hb_stability, only: change_of_variances, few_periods, noise_response_t, noise_status, stability_config_t
    use hb_structure, only: structure_t
    use hb_variation, only: piece_t, variation_t
    use hb_variation_pieces, only: cut_time, make_sliders_periodic
@@ -218,8 +218,8 @@ contains
       real(wp), intent(in) :: tolerance                               !! of each map
       real(wp), intent(in) :: unit                                    !! of the noise
       type(monodromy_t), allocatable :: parts(:)
+      type(noise_response_t) :: halves(2)
       real(wp), allocatable :: p(:, :), variances(:, :)
-      real(wp), dimension(variation%n_dofs, 2) :: least, mean, peak   ! of both halves
       integer :: i, k, n, period
 
       n = n_intervals_of(variation, length)
@@ -235,15 +235,13 @@ contains
          end do
       end do
       if (.not. all(ieee_is_finite(p))) return
-      allocate (self%variance(variation%n_dofs), self%peak(variation%n_dofs), self%least(variation%n_dofs))
       allocate (self%phase_diffusion(size(variation%motion%omega)), source=0.0_wp)
-      call summarise(variances, self%variance, self%peak, self%least)
+      call summarise(variances, self)
       associate (half => size(variances, 2)/2)
-         call summarise(variances(:, :half), mean(:, 1), peak(:, 1), least(:, 1))
-         call summarise(variances(:, half + 1:), mean(:, 2), peak(:, 2), least(:, 2))
+         call summarise(variances(:, :half), halves(1))
+         call summarise(variances(:, half + 1:), halves(2))
       end associate
-      self%estimate = max(forgotten, relative(mean(:, 1), mean(:, 2)), relative(peak(:, 1), peak(:, 2)), &
-                          relative(least(:, 1), least(:, 2)))
+      self%estimate = max(forgotten, change_of_variances(halves(1), halves(2)))
    end subroutine follow_torus
 
    !> Intervals of a period at whose ends the covariance is evaluated; one where it is constant.
@@ -433,7 +431,7 @@ contains
       real(wp), intent(in) :: unit
       integer, intent(in) :: n_dofs
       real(wp) :: u(size(p, 1)), v(size(p, 1), size(parts)), variances(n_dofs, size(parts))
-      real(wp), dimension(n_dofs) :: least, mean, peak
+      type(noise_response_t) :: coarse
       integer :: i, k
 
       if (size(shift) > 0) then
@@ -454,32 +452,22 @@ contains
          end if
          variances(:, k) = [(unit*p(i, i), i=1, n_dofs)]
       end do
-      allocate (self%variance(n_dofs), self%peak(n_dofs), self%least(n_dofs))
-      call summarise(variances, self%variance, self%peak, self%least)
+      call summarise(variances, self)
       self%estimate = 0.0_wp
       if (size(parts) == 1) return
-      call summarise(variances(:, 2::2), mean, peak, least)
-      self%estimate = max(relative(self%variance, mean), relative(self%peak, peak), relative(self%least, least))
+      call summarise(variances(:, 2::2), coarse)
+      self%estimate = change_of_variances(self, coarse)
    end subroutine follow_period
 
-   !> Largest relative difference.
-   pure real(wp) function relative(a, b)
-      real(wp), intent(in) :: a(:), b(:)
-
-      relative = maxval(abs(a - b)/max(a, b, tiny(1.0_wp)))
-   end function relative
-
-   !> Mean, largest and smallest value of positive functions from equidistant samples, which repeat.
-   pure subroutine summarise(samples, mean, peak, least)
-      real(wp), intent(in) :: samples(:, :)                           !! (functions, samples)
-      real(wp), intent(out) :: mean(:), peak(:), least(:)
+   !> Mean, largest and smallest variances from equidistant samples of a period, which repeat.
+   pure subroutine summarise(samples, response)
+      real(wp), intent(in) :: samples(:, :)                           !! (n_dofs, samples)
+      type(noise_response_t), intent(inout) :: response
       integer :: i
 
-      mean = sum(samples, dim=2)/size(samples, 2)
-      do i = 1, size(mean)
-         peak(i) = top_of(samples(i, :))
-         least(i) = max(-top_of(-samples(i, :)), 0.0_wp)
-      end do
+      response%variance = sum(samples, dim=2)/size(samples, 2)
+      response%peak = [(top_of(samples(i, :)), i=1, size(samples, 1))]
+      response%least = [(max(-top_of(-samples(i, :)), 0.0_wp), i=1, size(samples, 1))]
    end subroutine summarise
 
    !> Largest value of a periodic function: of the parabola through the largest sample and its neighbours.

@@ -13,12 +13,13 @@ module hb_stability
    use hb_tones, only: tones_t
    implicit none
    private
-   public :: excitation_t, few_periods, harmonic_motion_t, max_multipliers, n_multipliers_of, noise_response_t, noise_status, &
-      noise_status_names, share_of_stability, stability_config_t, stability_finder_t, stability_method, stability_method_names, &
-      stability_t, verdict, work_of_verdict
+   public :: change_of_variances, excitation_t, few_periods, harmonic_motion_t, max_multipliers, n_multipliers_of
+   public :: noise_response_t, noise_status, noise_status_names, share_of_stability, stability_config_t, stability_finder_t
+   public :: stability_method, stability_method_names, stability_t, verdict, work_of_verdict
 
    integer, parameter :: max_multipliers = 16                        !! that are stored, the largest
    real(wp), parameter :: share_of_stability = 0.3_wp                 !! of the work of a point
+   real(wp), parameter :: min_share = 1.0e-2_wp                       ! of the mean variance: what a least one is compared with
    integer, parameter :: few_periods = 25                             !! for exponents far from zero, and if more take too long
 
    type :: stability_method_t
@@ -193,10 +194,20 @@ contains
       else if (better%status /= noise_status%known) then
          call self%fail(better%status)
       else
-         self%estimate = max(self%estimate, change(self%variance, better%variance), change(self%peak, better%peak), &
-                             change(self%least, better%least), change(self%phase_diffusion, better%phase_diffusion))
+         self%estimate = max(self%estimate, change_of_variances(self, better), change(self%phase_diffusion, better%phase_diffusion))
       end if
    end subroutine noise_response_compare_with
+
+   !> Largest relative change of the variances of a response to those of another. A least variance may vanish, as that of a limit
+   !> cycle at its own phase: below a share of the mean one it counts as this share.
+   pure real(wp) function change_of_variances(from, to) result(largest)
+      type(noise_response_t), intent(in) :: from, to
+      real(wp) :: small(size(from%variance))
+
+      small = min_share*max(from%variance, to%variance)
+      largest = max(change(from%variance, to%variance), change(from%peak, to%peak), &
+                    change(max(from%least, small), max(to%least, small)))
+   end function change_of_variances
 
    !> Largest relative change of numbers that are not negative; NaN counts as none.
    pure real(wp) function change(from, to)

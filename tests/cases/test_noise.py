@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from program import BAD_INPUT, read, run, solve
+from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_lyapunov
 
 ONE_DOF = "&structure type = 'matrices', n_dofs = 1, mass = 1.0, damping = {damping}, stiffness = {stiffness} /\n"
@@ -305,6 +306,38 @@ def test_phase_of_a_limit_cycle_diffuses(tmp_path):
     mean, peak, _ = (values[0] for values in variances(path))
     assert mean == pytest.approx(intensity / (4 * mu), rel=4 * mu)
     assert peak == pytest.approx(intensity / (2 * mu), rel=4 * mu)
+
+
+@pytest.mark.parametrize("mu", [0.2, 1.0, 3.0])
+def test_noise_about_a_limit_cycle_is_that_of_its_floquet_vectors(mu, tmp_path):
+    """In a plane: with the vector Z of the multiplier 1 of the adjoint equations, Z . f = omega, the phase diffuses at the mean of
+    2 D Z_2**2; the rest of the noise is a multiple of the other vector, whose displacement vanishes twice in a period."""
+    text = f"""&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0 /
+&tones unknown = .true. /
+&law type = 'van_der_pol', dof = 'x1', strength = {mu} /
+&noise dof = 'x1', intensity = 1e-6 /
+&accuracy tolerance = 1e-6 /
+"""
+    path = solve(text, tmp_path)
+
+    def rate(t, y):
+        return [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]]
+
+    options = {"rtol": 1e-10, "atol": 1e-12, "method": "DOP853"}
+    period = 2 * np.pi / read(path, "frequency")[0, 0]
+    begin = solve_ivp(rate, (0, 40 * period), [2.0, 0.0], **options).y[:, -1]
+    orbit = solve_ivp(rate, (0, period), begin, dense_output=True, **options).sol
+
+    def adjoint(t, z):  # backwards in time, where other vectors decay
+        x, v = orbit(-t % period)
+        return [-(1 + 2 * mu * x * v) * z[1], z[0] + mu * (1 - x**2) * z[1]]
+
+    times = np.linspace(5 * period, 6 * period, 2001)
+    z = solve_ivp(adjoint, (0, 6 * period), [1.0, 1.0], t_eval=times, **options).y
+    z *= 2 * np.pi / period / (z[:, -1] @ rate(0, orbit(0)))
+    assert read(path, "phase_diffusion")[0, 0] == pytest.approx(2e-6 * np.trapz(z[1] ** 2, times) / period, rel=1e-3)
+    mean, peak, least = (values[0] for values in variances(path))
+    assert least < 1e-3 * mean < peak
 
 
 def test_spectrum_of_a_linear_oscillator(tmp_path):

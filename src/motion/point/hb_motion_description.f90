@@ -24,7 +24,7 @@ module hb_motion_description
    use hb_reached_laws, only: max_gap_to_motion, reached_laws
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, noise_status, stability_config_t, &
       stability_method, stability_t, stability_verdict => verdict, work_of_verdict
-   use hb_structure, only: max_dense
+   use hb_structure, only: max_dense, structure_t                     ! structure_t: gfortran 12 cannot write the module without it
    use hb_structure_load, only: find_random_forces
    use hb_system, only: system_t
    use hb_text, only: rounded
