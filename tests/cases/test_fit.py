@@ -374,6 +374,22 @@ def test_trial_values_are_not_warned_of(monkeypatch):
         assert sum("is negative" in str(one.message) for one in told) == times
 
 
+def test_phases_in_degrees_are_doubted():
+    data = {"frequency": OMEGA, "amplitude": abs(Z), "phase": np.degrees(np.angle(Z))}
+    with pytest.warns(nhbm.Implausible, match="column 'phase' = .* rad is more than a turn; 90 degrees are 1.5708 rad"):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotConverged)
+            nhbm.fit(linear(), data, LINEAR, "x1 (1)", order=1)
+
+
+def test_units_in_the_names_of_columns_may_be_those_of_the_model(tmp_path):
+    columns = np.column_stack([OMEGA, abs(Z), np.angle(Z)])
+    path = tmp_path / "data.csv"
+    np.savetxt(path, columns, delimiter=",", header="frequency [rad/s], amplitude [m], phase [rad]", comments="", fmt="%.17g")
+    found = nhbm.fit(linear(), path, LINEAR, "x1 (1)", order=1)
+    np.testing.assert_allclose(found.values, [1.21, 0.2], rtol=1e-7)
+
+
 @pytest.mark.parametrize("made, message", [
     (lambda: nhbm.fit(linear(), {"frequency;amplitude": OMEGA}, LINEAR, "x1 (1)"), "one column: commas separate columns"),
     (lambda: nhbm.fit(linear(), {"frequency": OMEGA}, LINEAR, "x1 (1)"), "need the columns 'amplitude' and 'frequency'"),
@@ -386,6 +402,8 @@ def test_trial_values_are_not_warned_of(monkeypatch):
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", bounds={LINEAR[0]: (1, 0)}), "the lower one first"),
     (lambda: nhbm.fit(linear(), DATA, LINEAR, "x7 (1)", order=1), "no degree of freedom 'x7'"),
     (lambda: nhbm.fit(linear(), {**DATA, "amplitude": -abs(Z)}, LINEAR, "x1 (1)"), "must have finite positive numbers"),
+    (lambda: nhbm.fit(linear(), DATA, LINEAR, "x1 (1)", noise=2.0), "noise is relative, above 0 and below 1, not 2: 2 % are 0.02"),
+    (lambda: nhbm.backbone([1e-3, 2e-3], [50.0, 49.0], [1.5, 2.0], mass=1.0), "damping_ratio = 2 is above critical damping"),
     (lambda: nhbm.fit(linear(), "none.csv", LINEAR, "x1 (1)"), "file 'none.csv' does not exist"),
     (
         lambda: nhbm.fit(linear(), {"frequency": [1.0, 1.1], "amplitude": ["1e-3", "abc"]}, LINEAR, "x1 (1)"),
@@ -404,6 +422,12 @@ def test_mistakes_are_named(made, message):
     ("1.0,0.1\n1.1,0.2\n", "'data.csv': data need the columns .*; the first row is that of the names"),
     ("# lab 3\nfrequency;amplitude\n1,1;0,2\n", "'data.csv': semicolons separate its columns; write commas"),
     ("\xff\xfe", "'data.csv' cannot be read as CSV: it is not a text"),
+    ("frequency,amplitude\n1,10,0,25\n1,20,0,30\n1,30,0,35\n", "'data.csv': its rows have 4 values, and the first one names 2"),
+    ("frequency,amplitude\n1,10,0.25\n1,20,0.30\n1,30,0.35\n", "'data.csv': its rows have 3 values, and the first one names 2"),
+    ("frequency,amplitude [mm]\n1.0,0.1\n2.0,0.2\n3.0,0.3\n", "'data.csv': column 'amplitude' is in 'mm', and the model in 'm'"),
+    ("frequency [Hz],amplitude\n1.0,0.1\n2.0,0.2\n3.0,0.3\n", "column 'frequency' is in 'Hz', and the model in 'rad/s'"),
+    ("frequency,amplitude,phase [deg]\n1.0,0.1,-9\n2.0,0.2,-90\n", "column 'phase' is in 'deg', and the model in 'rad'"),
+    ("frequency,amplitude,load[0].cos [kN]\n1.0,0.1,1\n2.0,0.2,1\n3,1,1\n", "is in 'kN', and the model in 'N'"),
 ])  # fmt: skip
 def test_mistakes_in_files_are_named_with_the_file(text, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -231,7 +231,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
         A CSV file, what `read_uff` returns, or columns by name: `frequency` [rad/s] or `hertz` [Hz], `amplitude` in the unit of
         the degree of freedom and, optionally, `phase` of the response [rad], negative where it lags behind a cosine; `sweep`,
         "up" or "down"; `sigma`, the standard deviation of an amplitude. Any other column is a value of the model by its path,
-        "load[0].cos".
+        "load[0].cos". Names may have the unit of the model, "amplitude [m]"; others are refused, not converted.
     by : iterable of str
         Paths of the parameters, "stop.gap".
     of : str
@@ -279,7 +279,7 @@ def fit(model: Model, data: Any, by: Iterable[str], of: str, *, path: str = "ton
     if parts_of(of)[1] is None:
         raise ModelError(f"'{of}' is not a harmonic; a fit needs one, such as '{of} (1)'")
     at = work._resolved(path)
-    sets, is_scaled, force = measured_sets(data, work, at, noise, controlled)
+    sets, is_scaled, force = measured_sets(data, work, of, at, noise, controlled)
     if n_measured(sets) <= len(paths):
         n, few = n_measured(sets), len(paths)
         raise ModelError(f"{n} measured number{'s' * (n != 1)} cannot determine {few} parameter{'s' * (few != 1)}: "

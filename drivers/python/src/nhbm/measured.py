@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -84,6 +85,8 @@ def backbone(amplitude: Any, hertz: Any, damping_ratio: Any, mass: float, *, loa
     if not all((column > 0).all() for column in columns) or not numbers_of("mass", mass)[0] > 0:
         raise ModelError("amplitudes, frequencies, damping ratios and the mass of a backbone must be above 0")
     a, f, zeta = columns
+    if (zeta >= 1).any():
+        raise ModelError(f"damping_ratio = {zeta.max():g} is above critical damping, where nothing vibrates; 2 % are 0.02")
     return {"hertz": f, "amplitude": a, "phase": np.full(len(a), -np.pi / 2), load: 2 * zeta * (2 * np.pi * f) ** 2 * mass * a}
 
 
@@ -100,14 +103,15 @@ def n_measured(sets: list[MeasuredSet]) -> int:
     return sum(len(one.at) * (1 if one.phase is None else 2) for one in sets)
 
 
-def measured_sets(data: Any, model: Model, at: str, noise: float | None, controlled: bool) -> tuple[list[MeasuredSet], bool, str]:
+def measured_sets(data: Any, model: Model, of: str, at: str, noise: float | None,
+                  controlled: bool) -> tuple[list[MeasuredSet], bool, str]:  # fmt: skip
     """The measured points, a set for each sweep and each combination of other values; whether their noise is to be estimated; the
     path of the force that was measured, where the response was controlled."""
     import pandas
 
     if isinstance(data, (str, Path)):
         try:
-            return measured_sets(_read(Path(data)), model, at, noise, controlled)
+            return measured_sets(_read(Path(data)), model, of, at, noise, controlled)
         except ModelError as error:
             text = str(error)
             raise ModelError(text if f"'{data}'" in text else f"'{data}': {text}") from None
@@ -119,7 +123,9 @@ def measured_sets(data: Any, model: Model, at: str, noise: float | None, control
         table = pandas.DataFrame(dict(data) if isinstance(data, Mapping) else data)
     except (TypeError, ValueError) as error:
         raise ModelError(f"data are no table: give lists by the names of their columns, a DataFrame or a path ({error})") from None
-    table.columns = [re.sub(r"\s*\[[^\]0-9]*\]$", "", str(name)).strip() for name in table.columns]  # without a unit
+    heads = [re.fullmatch(r"(.*?)\s*(?:\[([^\]0-9]*)\])?", str(name).strip(), re.DOTALL) for name in table.columns]
+    table.columns = [head[1] for head in heads if head]
+    units = {head[1]: head[2].strip() for head in heads if head and head[2]}
     given = set(table.columns)
     if "amplitude" not in given or len(given & {"frequency", "hertz"}) != 1:
         known = ", ".join(sorted(given))
@@ -134,6 +140,7 @@ def measured_sets(data: Any, model: Model, at: str, noise: float | None, control
         others = {name: model._resolved(name) for name in table.columns if name not in _COLUMNS}
     except ModelError as error:
         raise ModelError(f"{error}; columns are {', '.join(_COLUMNS)}, or values of the model by their path") from None
+    _check_units(units, {name: model._described(path)["units"] for name, path in others.items()}, model, of)
     for column in [name for name in table.columns if name != "sweep"]:
         wrong = [value for value in table[column].values if isinstance(value, str) and not _is_number(value)]
         if wrong:
@@ -148,8 +155,12 @@ def measured_sets(data: Any, model: Model, at: str, noise: float | None, control
         wrong = sorted(set(table["sweep"].astype(str)) - set(_SWEEPS))
         if wrong:
             raise ModelError(f"column 'sweep' has 'up' and 'down', not {', '.join(map(repr, wrong))}")
-    if noise is not None and not (noise > 0 and "sigma" not in given):
-        raise ModelError("noise must be positive; leave it out where the data have a column 'sigma'")
+    if noise is not None and not (0 < noise < 1 and "sigma" not in given):
+        raise ModelError(f"noise is relative, above 0 and below 1, not {noise:g}: 2 % are 0.02; "
+                         "leave it out where the data have a column 'sigma'")  # fmt: skip
+    turned = float(table["phase"].abs().max()) if "phase" in given else 0.0
+    if turned > 2 * np.pi:
+        advice.warn(advice.on("phase_in_degrees", "column 'phase'", values=[turned]).text, Implausible)
     position = table["hertz" if "hertz" in given else "frequency"].values.astype(float)
     is_in_hertz = model._described(at)["units"] == "Hz"
     if "hertz" in given and not is_in_hertz:
@@ -190,13 +201,41 @@ def _read(path: Path) -> Any:
         for name, mark in (("semicolons", ";"), ("tabs", "\t")):
             if mark in head and "," not in head:
                 raise ModelError(f"'{path}': {name} separate its columns; write commas between columns, and points in numbers")
-        return pandas.read_csv(path, comment="#", skipinitialspace=True)
+        table = pandas.read_csv(path, comment="#", skipinitialspace=True)
+        n, n_more = len(table.columns), table.index.nlevels - isinstance(table.index, pandas.RangeIndex)
+        if n_more and len(table):  # pandas takes the first values for names of the rows
+            raise ModelError(f"'{path}': its rows have {n + n_more} values, and the first one names {n} columns; "
+                             "write commas between columns, and points in numbers")  # fmt: skip
+        return table
     except FileNotFoundError:
         raise ModelError(f"file '{path}' does not exist") from None
     except UnicodeDecodeError:
         raise ModelError(f"'{path}' cannot be read as CSV: it is not a text") from None
     except (OSError, ValueError) as error:
         raise ModelError(f"'{path}' cannot be read as CSV: {str(error).strip()}") from None
+
+
+def _check_units(units: dict[str, str], others: dict[str, str], model: Model, of: str) -> None:
+    """Refuses columns whose names give another unit than that of the model, which would be compared number by number."""
+    known = {"frequency": "rad/s", "hertz": "Hz", "phase": "rad", **others}
+    if units.keys() & {"amplitude", "sigma"}:
+        known |= dict.fromkeys(("amplitude", "sigma"), _unit_of(model, of))
+    for name, unit in units.items():
+        if name in known and "".join(unit.split()) != "".join(known[name].split()):
+            raise ModelError(f"column '{name}' is in '{unit}', and the model in '{known[name]}': convert its values, "
+                             "or leave out the unit if the model has other ones throughout")  # fmt: skip
+
+
+def _unit_of(model: Model, of: str) -> str:
+    """Unit of a harmonic, which the first motion has."""
+    from nhbm.responses import parts_of
+    from nhbm.sweeps import _unit_of as unit_of
+
+    trial = copy.copy(model)
+    trial._is_trial = True
+    trial.response(of, order=sum(map(abs, parts_of(of)[1] or (1,))))
+    session = trial._session
+    return unit_of(session, of) if session is not None and session.has_motion else "m"
 
 
 def _doubt_the_unit(model: Model, measured: Array, is_in_hertz: bool) -> None:
