@@ -12,6 +12,7 @@ from nhbm_post.draw import draw_correction, draw_rotor, draw_spectrum, draw_time
 from nhbm_post.draw.rotor import CASING, DISK, RotorStator, mean_radius
 from nhbm_post.draw.style import quantity_text, unit_scale
 from nhbm_post.draw.time_history import Record, read_record
+from nhbm_post.errors import ReaderError
 from nhbm_post.series import Series
 
 
@@ -160,6 +161,20 @@ def test_record_of_many_forms(tmp_path, text):
     record = read_record(path, "v3")
     np.testing.assert_array_equal(record.t, [0.0, 1.0])
     np.testing.assert_array_equal(record.x, [1.0, 3.0])
+
+
+@pytest.mark.parametrize("text", ["0,0,0,1\n0,5,0,2\n1,0,0,3\n", "t,v3\n0,0,0,1\n0,5,0,2\n", "t;v3\n0,0;0,1\n0,5;0,2\n"])
+def test_decimal_commas_of_a_record_are_refused(tmp_path, text):
+    path = tmp_path / "r.csv"
+    path.write_text(text)
+    with pytest.raises(ReaderError):
+        read_record(path, "v3")
+
+
+def test_a_record_without_names_may_have_further_columns(tmp_path):
+    path = tmp_path / "r.txt"
+    path.write_text("0 1 0.5\n1 3 0.5\n")
+    np.testing.assert_array_equal(read_record(path).x, [1.0, 3.0])
 
 
 @pytest.mark.parametrize(

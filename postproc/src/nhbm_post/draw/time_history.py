@@ -48,6 +48,9 @@ def read_record(path, dof: str = "") -> Record:
         names = [name.strip().strip('"') for name in rows.pop(0)]
         bare = [re.sub(r"\s*[\[(].*", "", name) for name in names]
         column = bare.index(dof) if dof in bare[1:] else 1
+    wide = next((len(row) for row in rows if len(row) > max(2, len(names))), 0)
+    if wide and (names or all(re.fullmatch(r"[-+]?\d+", field) for row in rows for field in row)):
+        raise ReaderError(f"{path}: its rows have {wide} values, and the table {len(names) or 2} columns; write points in numbers")
     try:
         table = np.array([[float(row[0]), float(row[column])] for row in rows])
     except (ValueError, IndexError):
