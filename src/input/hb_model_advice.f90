@@ -115,7 +115,8 @@ contains
       type(advice_list_t), intent(inout) :: list
 
       associate (phases => numbers_of(load, ["phase"]))
-         if (any(abs(phases) > two_pi)) call list%add(advice%phase_in_degrees, [real(number, wp), phases(1)])
+         if (any(abs(phases) > two_pi)) &
+            call list%add(advice%phase_in_degrees, [phases(1)], "load "//to_text(number)//": phase")
       end associate
    end subroutine advise_on_phase
 

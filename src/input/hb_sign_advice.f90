@@ -84,24 +84,33 @@ contains
          call list%add(advice%growing_mode, [rounded_to(modes%frequency(i), n_shown), rounded_to(ratios(i), n_shown)])
    end subroutine advise_on_modes
 
-   !> The damping without what stores or passes on energy, with equations multiplied so that forces are reciprocal: the voltage of a
-   !> coil, whose force is in another matrix, and a gyrator in any units damp nothing. Not allocated for sparse matrices.
+   !> The damping without what stores or passes on energy: the voltage of a coil, whose force is in another matrix, and a gyrator in
+   !> any units damp nothing. Where the equations as they are would feed energy, they are multiplied so that forces are
+   !> reciprocal, if that damps: those of a circuit may be no forces. Not allocated for sparse matrices.
    subroutine find_dissipative_part(system, damping)
       type(system_t), intent(in) :: system
       real(wp), allocatable, intent(out) :: damping(:, :)             !! (n_dofs, n_dofs)
+      real(wp), allocatable :: reciprocal(:, :)                       !! likewise
       type(coordinate_scales_t) :: scales
+      real(wp) :: lowest
       integer :: i, k
 
       associate (structure => system%structure)
          if (.not. allocated(structure%damping)) return
-         call find_coordinate_scales(scales, structure, system%laws, slowest_of(system%tones), spread(0.0_wp, 1, structure%n_dofs))
-         allocate (damping, source=structure%damping*spread(scales%equations, 2, structure%n_dofs))
+         allocate (damping, source=structure%damping)
          do k = 1, structure%n_dofs
             do i = 1, structure%n_dofs
                if (is_gyrator(structure, i, k)) damping(i, k) = 0.0_wp
             end do
          end do
+         if (structure%n_dofs > max_dofs) return
+         call find_lowest(damping, lowest)
+         if (.not. is_negative(lowest, damping)) return
+         call find_coordinate_scales(scales, structure, system%laws, slowest_of(system%tones), spread(0.0_wp, 1, structure%n_dofs))
+         allocate (reciprocal, source=damping*spread(scales%equations, 2, structure%n_dofs))
       end associate
+      call find_lowest(reciprocal, lowest)
+      if (.not. is_negative(lowest, reciprocal)) call move_alloc(reciprocal, damping)
    end subroutine find_dissipative_part
 
    !> Whether two degrees of freedom act on each other by displacements in one direction and by rates in the other, as a current and
@@ -142,8 +151,8 @@ contains
       real(wp), intent(in), allocatable :: matrix(:, :)               !! (n_dofs, n_dofs); not allocated: sparse
       integer, intent(in) :: numbers(2)                               !! of `advice`: negative on the diagonal, and otherwise
       type(advice_list_t), intent(inout) :: list
-      real(wp), allocatable :: a(:, :), b(:, :), values(:), work(:)
-      integer :: at, i, info
+      real(wp) :: lowest
+      integer :: at
 
       at = minloc(diagonal, dim=1)
       if (diagonal(at) < -entry_rounding*maxval(abs(diagonal))) then
@@ -152,18 +161,35 @@ contains
       end if
       if (structure%n_dofs > max_dofs .or. .not. allocated(matrix)) return
       if (name == "stiffness" .and. any(abs(matrix - transpose(matrix)) > value_rounding*maxval(abs(matrix)))) return
-      allocate (a, source=0.5_wp*(matrix + transpose(matrix)))
-      allocate (b(size(a, 1), size(a, 1)), source=0.0_wp)
-      do i = 1, size(a, 1)
+      call find_lowest(matrix, lowest, at)
+      if (is_negative(lowest, matrix)) call list%add(numbers(2), [rounded_to(lowest, n_shown)], structure%labels(at))
+   end subroutine advise_on_matrix
+
+   !> The lowest eigenvalue of the symmetric part of a matrix, and the largest entry of its vector; 0 if it is not found.
+   subroutine find_lowest(matrix, lowest, at)
+      real(wp), intent(in) :: matrix(:, :)
+      real(wp), intent(out) :: lowest
+      integer, intent(out), optional :: at
+      real(wp) :: a(size(matrix, 1), size(matrix, 1)), b(size(matrix, 1), size(matrix, 1))
+      real(wp) :: values(size(matrix, 1)), work(3*size(matrix, 1))
+      integer :: i, info
+
+      a = 0.5_wp*(matrix + transpose(matrix))
+      b = 0.0_wp
+      do i = 1, size(values)
          b(i, i) = 1.0_wp
       end do
-      allocate (values(size(a, 1)), work(3*size(a, 1)))
-      call dsygv(1, "V", "U", size(a, 1), a, size(a, 1), b, size(a, 1), values, work, size(work), info)
-      if (info /= 0) return
-      if (values(1) >= -value_rounding*maxval(abs(values))) return
-      at = maxloc(abs(a(:, 1)), dim=1)
-      call list%add(numbers(2), [rounded_to(values(1), n_shown)], structure%labels(at))
-   end subroutine advise_on_matrix
+      call dsygv(1, "V", "U", size(values), a, size(values), b, size(values), values, work, size(work), info)
+      lowest = merge(values(1), 0.0_wp, info == 0)
+      if (present(at)) at = maxloc(abs(a(:, 1)), dim=1)
+   end subroutine find_lowest
+
+   !> Whether an eigenvalue of a matrix is below 0 by more than rounding.
+   pure logical function is_negative(eigenvalue, matrix)
+      real(wp), intent(in) :: eigenvalue, matrix(:, :)
+
+      is_negative = eigenvalue < -value_rounding*maxval(abs(matrix))
+   end function is_negative
 
    !> Unit of an entry of a matrix that belongs to a coordinate.
    pure function unit_of(name, coordinate) result(unit)

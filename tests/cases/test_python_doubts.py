@@ -91,10 +91,12 @@ def test_tones_with_a_common_period_are_implausible():
 def test_a_law_that_pushes_away_from_rest_is_named():
     """Forces stand on the left-hand side: that of a spring is positive. Laws with a mean force, and of several kinds, are judged by
     their change."""
-    wrong = [lambda q: -0.01 * q**3, lambda q, v, p: v - p[0] * q, lambda q: (-0.1 * np.sin(q), -0.1 * np.cos(q)),
+    wrong = [lambda q: -0.01 * q**3, lambda q, v, p: v - p[0] * q, lambda q, v: -0.05 * v, lambda q, v: 0.1 * q - 0.01 * np.tanh(v),
+             lambda q: (-0.1 * np.sin(q), -0.1 * np.cos(q)),
              lambda q: 0.1 - 0.1 * q]  # fmt: skip
     right = [lambda q: 0.5 * q**3, lambda q, v, p: p[0] * np.sinh(q) + v, lambda q: np.maximum(q - 0.5, 0.0),
-             lambda v, q: 0.1 * v, lambda q: 0.1 * q - 0.01 * q**3]  # fmt: skip
+             lambda v, q: 0.1 * v, lambda q: 0.1 * q - 0.01 * q**3, lambda q, v: 0.01 * (q**2 - 1.0) * v,
+             lambda q, v: 0.01 * (v**3 - v)]  # fmt: skip
     def solved_with(law):
         model = duffing()
         model.law(law, "x1", parameters=[0.1])
@@ -159,6 +161,22 @@ def test_rigid_body_modes_of_a_reduction_are_not_doubted():
 def test_a_shaft_in_millimetres_is_doubted():
     with pytest.warns(Implausible, match="shaft 'shaft': diameter = 20 m; lengths are in metres"):
         nhbm.Rotor().shaft([0.0, 500.0], diameter=20.0)
+
+
+@pytest.mark.parametrize("cross", [0.0, 1e5])
+def test_damping_of_bearings_with_unequal_cross_stiffness_is_not_doubted(cross):
+    """Their damping is positive definite, whatever their stiffness; a negative one is doubted."""
+    stiffness, damping = [[3e6, cross], [-0.6 * cross, 2.2e6]], np.array([[2500.0, 100.0], [100.0, 1800.0]])
+    for indefinite in (False, True):
+        rotor = nhbm.Rotor()
+        rotor.shaft(np.linspace(0.0, 0.9, 4), 0.035)
+        rotor.disk(0.3, mass=12.0, diametral=0.05, polar=0.09)
+        for z in (0.0, 0.9):
+            table = [damping + indefinite * np.array([[0.0, 3000.0], [3000.0, 0.0]])] * 2
+            rotor.bearing(z, [stiffness] * 2, table, speeds=[50.0, 500.0])
+        rotor.unbalance(0.3, 1e-5)
+        told = [text for text in rotor.model(speed=100.0).check() if "damping matrix" in text]
+        assert len(told) == indefinite
 
 
 def test_a_law_of_several_coordinates_may_act_on_one():
@@ -295,6 +313,14 @@ def test_implausible_values_are_named_once(made, words):
         model.response("x1", order=5)
 
 
+def unbalanced(amount):
+    """A shaft of 9.8 kg."""
+    rotor = nhbm.Rotor()
+    rotor.shaft(np.linspace(0.0, 1.0, 5), 0.04)
+    rotor.unbalance(0.5, amount)
+    return rotor.model(speed=10.0)
+
+
 def loaded_twice():
     model = duffing()
     model.load("x1", -1, cos=0.1)
@@ -304,7 +330,12 @@ def loaded_twice():
 @pytest.mark.parametrize("operation, words", [
     (lambda: duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3), "'tones%frequency': 0.8 is given 2 times"),
     (lambda: duffing().peak("x1 (1)", "tones[0]", 0.5, 0.6, order=3), "is at an end of the range, tones%frequency = 0.6: no peak"),
-    (lambda: nhbm.Rotor(5), "young = 5: no solid has it; it is in N/m2, for steel 2.1e11"),
+    (lambda: nhbm.Rotor(5), "young = 5: no shaft has it; it is in N/m2, for steel 2.1e11"),
+    (lambda: nhbm.Rotor(2.1e5), "young = 210000.0: no shaft has it; it is in N/m2"),
+    (lambda: nhbm.Rotor(density=7.85), "density = 7.85: no shaft has it; it is in kg/m3"),
+    (lambda: nhbm.Rotor().shaft([0.0, 500.0, 1000.0], 0.04), "shaft 'shaft': length = 1000 m; lengths are in metres"),
+    (lambda: shaft(0.04).unbalance(0.0, 1e-4, angle=90.0), "unbalance at 0 m: angle = 90.0 rad is more than a turn"),
+    (lambda: unbalanced(5.0), "unbalance of 5 kg m of shaft 'shaft': eccentricity of the rotor = 0.51 m; lengths are in metres"),
     (loaded_twice, r"loads 1 and 2 act at the same place with the same tuple, .-1.: they are added"),
 ])  # fmt: skip
 def test_what_can_be_meant_otherwise_is_said(operation, words):
@@ -316,6 +347,7 @@ def test_what_can_be_meant_otherwise_is_said(operation, words):
         duffing().sweep({"tones[0]": [0.8, 0.9, 0.8]}, order=3, warm=True)  # up and down
         duffing().sweep({"tones[0]": [0.8, 0.8], "spring.stiffness": [0.1, 0.2]}, order=3, paired=True)
         nhbm.Rotor(7e10, density=2700.0)
+        unbalanced(1e-3)
     assert repr(shaft(0.1)) == "<nhbm.Rotor: shaft with 4 nodes>"
 
 

@@ -46,6 +46,9 @@ def test_what_is_no_rotor_is_refused():
                               ((1.0, 0.1, np.nan), "polar must be finite")):  # fmt: skip
         with pytest.raises(ModelError, match=f"disk at 0.5: {message}"):
             made.disk(0.5, *inertias)
+    with pytest.raises(ModelError, match="polar moment of inertia, 0.4, is more than twice the diametral one, 0.04"):
+        made.disk(0.5, 10.0, 0.04, 0.4)
+    made.disk(0.5, 10.0, 0.0, 0.4)  # without the inertia against tilting
     for keys, name in (({"young": 0.0}, "young"), ({"density": -1.0}, "density"), ({"poisson": 0.7}, "poisson")):
         with pytest.raises(ModelError, match=name):
             Rotor(**keys)

@@ -146,22 +146,30 @@ class Law:
         return self._force is not None and bool(self._force.trust)
 
     def pushes_away(self, parameters: Any = None) -> bool:
-        """Whether the force of a function of Python on one coordinate at rest opposes each displacement, as no spring does."""
+        """Whether the force of a function of Python on one coordinate at rest opposes each displacement, as no spring does, or
+        is opposed to each velocity at any displacement, as no damper is."""
         if self._force is None or self._force.named:
             return False
-        sizes = 10.0 ** np.arange(-6.0, 1.0)
-        q = np.concatenate([[0.0], sizes, -sizes])
-        given = {"q": q, "v": np.zeros_like(q), "p": np.ravel(() if parameters is None else parameters)}
-        try:
-            with np.errstate(all="ignore"):
-                force = self.function(*(given[role].copy() for role in self._force.roles))
-            force = np.asarray(force[0] if isinstance(force, tuple) else force)
-            if force.dtype.kind not in "fi" or force.shape != q.shape:
+        roles, sizes = self._force.roles, 10.0 ** np.arange(-6.0, 1.0)
+        steps = np.concatenate([[0.0], sizes, -sizes])
+
+        def opposes(q: Any, v: Any, steps: Any) -> bool:
+            """Whether the force changes against each step from the first sample, and against one at least."""
+            given = {"q": q, "v": v, "p": np.ravel(() if parameters is None else parameters)}
+            try:
+                with np.errstate(all="ignore"):
+                    force = self.function(*(given[role].copy() for role in roles))
+                force = np.asarray(force[0] if isinstance(force, tuple) else force)
+                if force.dtype.kind not in "fi" or force.shape != q.shape:
+                    return False
+                work = (force - force[0])[1:] * steps[1:]
+            except Exception:  # what is wrong with the function is reported when it is used
                 return False
-            work = (force - force[0])[1:] * q[1:]
-        except Exception:  # what is wrong with the function is reported when it is used
-            return False
-        return bool(np.isfinite(work).all() and (work <= 0).all() and (work < 0).any())
+            return bool(np.isfinite(work).all() and (work <= 0).all() and (work < 0).any())
+
+        wide = np.concatenate([steps, 1e3 * steps])  # a self-excited law damps large motions
+        feeds = "v" in roles and all(opposes(np.full_like(wide, q), wide, wide) for q in wide)
+        return feeds or opposes(steps, 0.0 * steps, steps)
 
     def __reduce__(self) -> Any:
         if getattr(sys.modules.get(self.__module__), self.__name__, None) is self:  # of the decorator: known by its name

@@ -26,8 +26,10 @@ DIRECTIONS = ("x", "y", "xz", "yz")
 N = len(DIRECTIONS)
 _SPEEDS = 200  # at which critical speeds of bearings with tables are separated
 _BESIDE = 1e-3  # of a shaft: as far from a node it is not there
-_MATERIALS = {"young": (1e5, 1e13, "N/m2", "2.1e11"), "density": (1.0, 3e4, "kg/m3", "7850")}  # plausible values, unit, of steel
-_LARGEST_DIAMETER = 10.0  # [m], of a shaft, plausible
+_MATERIALS = {"young": (2e6, 1e13, "N/m2", "2.1e11"), "density": (50.0, 3e4, "kg/m3", "7850")}  # plausible values, unit, of steel
+_LARGEST = {"diameter": 10.0, "length": 100.0}  # [m], of a shaft, plausible
+_LARGEST_ECCENTRICITY = 0.01  # [m], of a whole rotor, likewise
+_ROUNDED = 1.001  # of moments of inertia, whose digits were cut
 ACROSS = np.array([[0.0, 1.0], [-1.0, 0.0]])  # i z = x' + i y' turned back: what -i Omega z does to (x, y)
 
 
@@ -108,8 +110,9 @@ class Rotor:
         outer, inner = (_along(f"shaft '{name}': {word}", d, len(z) - 1) for word, d in (("diameter", diameter), ("bore", bore)))
         if not ((outer > inner).all() and (inner >= 0).all()):
             raise ModelError(f"shaft '{name}': the diameter must be above the bore, and this 0 or more")
-        if outer.max() > _LARGEST_DIAMETER:
-            advice.warn(advice.on("diameter_in_metres", name, f"{outer.max():g}").text, Implausible)
+        for word, size in (("diameter", outer.max()), ("length", np.ptp(z))):
+            if size > _LARGEST[word]:
+                advice.warn(advice.on("large_length", f"shaft '{name}'", word, f"{size:g}").text, Implausible)
         new = _Shaft(name, speed, z, self.n_nodes)
         for e, h in enumerate(np.diff(z)):
             stiffness, mass, rotary = self._element(h, outer[e], inner[e])
@@ -129,6 +132,9 @@ class Rotor:
         for name, value in (("mass", mass), ("diametral", diametral), ("polar", polar)):
             if not _number(f"disk at {z}: {name}", value) >= 0:
                 raise ModelError(f"disk at {z}: {name} must be 0 or more, not {value}")
+        if polar > _ROUNDED * 2 * diametral > 0:
+            raise ModelError(f"disk at {z}: polar moment of inertia, {polar}, is more than twice the diametral one, {diametral}; "
+                             "no rigid body has it; the order is mass, diametral, polar")  # fmt: skip
         self._add("mass", (node,), np.eye(2), np.diag([mass, diametral]))
         self._add(_by_speed("gyroscopic_by_speed", found.speed), (node,), ACROSS, np.diag([0.0, polar]))
         self._sets[self._next("disk")] = node
@@ -168,6 +174,8 @@ class Rotor:
         the shaft, for &load with frequency_power = 2 and the tuple of the shaft's tone."""
         found, node = self._node(z, shaft)
         amount, angle = _number(f"unbalance at {z}: amount", amount), _number(f"unbalance at {z}: angle", angle)
+        if abs(angle) > 2 * np.pi:
+            advice.warn(advice.on("phase_in_degrees", f"unbalance at {z:g} m: angle", values=[angle]).text, Implausible)
         self._unbalance.setdefault(found.name, []).append((node, amount, angle))
 
     def model(self, speed: float, ratio: float = 1.0, **groups: Any) -> Model:
@@ -191,11 +199,20 @@ class Rotor:
                 made.tie(f"bearing({table.name})%speed", f"tones[{table.speed - 1}]")
         for shaft in self._shafts:
             if shaft.name in self._unbalance:
+                self._doubt_the_unbalance(shaft.name)
                 tuple_ = [int(k == shaft.speed - 1) for k in range(n_speeds)]
                 for part in ("cos", "sin"):
                     unit: dict[str, Any] = {part: 1.0}
                     made.load(vector=f"unbalance_{shaft.name}_{part}", tuple_=tuple_, frequency_power=2, **unit)
         return made
+
+    def _doubt_the_unbalance(self, shaft: str) -> None:
+        """Warns of an unbalance that moves the centre of mass of all shafts and disks far off the axis."""
+        amount = abs(sum(size * np.exp(1j * angle) for _, size, angle in self._unbalance[shaft]))
+        mass = sum(float(block[np.ix_(dofs % N == 0, dofs % N == 0)].sum()) for dofs, block in self._parts["mass"])
+        if amount > _LARGEST_ECCENTRICITY * mass:
+            words = f"unbalance of {amount:g} kg m of shaft '{shaft}'", "eccentricity of the rotor", f"{amount / mass:.2g}"
+            advice.warn(advice.on("large_length", *words).text, Implausible)
 
     def structure(self) -> Structure:
         """The matrices, with speed-dependent terms for the key `speed` of &structure and &tie."""
