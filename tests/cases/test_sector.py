@@ -91,6 +91,11 @@ def test_twenty_four_sectors_of_order_fifteen():
     assert_same(wheel.solve(order=15), one.solve(order=15), 24, [3])
 
 
+def test_a_sector_that_is_loaded_twice_is_refused():
+    with pytest.raises(nhbm.ModelError, match="'b1' is given more than once"):
+        ring(4, [1.0]).engine_order(["b0", "b1", "b1", "b3"], 1, 1.0)
+
+
 def test_two_engine_orders_as_on_the_whole_wheel():
     n, tones, orders = 6, [1.05, 1.6180339], [2, -1]
     wheel, one = ring(n, tones), sector(n, tones, orders)

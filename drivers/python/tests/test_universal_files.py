@@ -139,6 +139,8 @@ def test_curve_to_fit(tmp_path, capsys):
     model = nhbm.Model(nhbm.Matrices(MASS, STIFFNESS, DAMPING), tones={"hertz": [40.0]})
     model.load("x1", 1, cos=5.0)
     curve = model.curve("tones[0].hertz", 35.0, 45.0, order=1)
+    with pytest.raises(ModelError, match="load .* has the amplitude 5 N, and force = 0.5 N"):
+        curve.nhbm.to_uff(tmp_path / "curve.uff", "x1", force=0.5)
     curve.nhbm.to_uff(tmp_path / "curve.uff", "x1", force=5.0)
     model["structure.stiffness[0]"], model["structure.damping[0]"] = 1.03 * STIFFNESS, 1.3 * DAMPING
     (tmp_path / "model.nml").write_text(model.to_namelist())

@@ -364,6 +364,9 @@ class Description(Laws):
         size = numbers_of("amplitude", amplitude)[0]
         if len(names) < 2:
             raise ModelError(f"an engine order needs a degree of freedom of each of several sectors, not {names}")
+        again = [name for k, name in enumerate(names) if name in names[:k]]
+        if again:
+            raise ModelError(f"an engine order needs a degree of freedom of each sector, and '{again[0]}' is given more than once")
         for k, dof in enumerate(names):
             angle = 2.0 * np.pi * ((waves * k) % len(names)) / len(names)
             self.load(dof, tuple_, cos=float(size * np.cos(angle)), sin=float(size * np.sin(angle)))

@@ -85,6 +85,19 @@ def write_mat(data: xr.Dataset, path: Path) -> None:
         savemat(str(name), variables, long_field_names=True, appendmat=False, oned_as="column")
 
 
+def _load_at(data: xr.Dataset, tuple_: list[int]) -> float | None:
+    """Amplitude [N] of the force that excites a tuple, if it is one and the same at all points."""
+    from nhbm.groups import Groups
+
+    loads = Groups.of_text(data.nhbm.input).named("load")
+    there = [load.keys for load in loads if np.ravel(load.keys.get("tuple", ())).tolist() in (tuple_, [-j for j in tuple_])]
+    is_varied = any(str(column.attrs.get("parameter", "")).startswith("load") for column in data.coords.values())
+    if len(there) != 1 or is_varied or there[0].get("vector") or there[0].get("kind", "force") != "force":
+        return None
+    amplitude = float(np.hypot(there[0].get("cos", 0.0), there[0].get("sin", 0.0)))
+    return amplitude if amplitude > 0 and not there[0].get("frequency_power") else None
+
+
 def write_uff(data: xr.Dataset, path: Path, dof: str, tuple_: Any, force: float | None) -> None:
     """A harmonic of the displacement over its frequency as a function of a universal file; points without a motion are left out."""
     from nhbm import universal_files
@@ -95,6 +108,9 @@ def write_uff(data: xr.Dataset, path: Path, dof: str, tuple_: Any, force: float 
     harmonic = data.nhbm.harmonic(dof, tuple_)
     numbers = np.atleast_1d(tuple_)
     omega = np.abs((data["frequency"].values[..., : len(numbers)] * numbers).sum(axis=-1))
+    load = _load_at(data, list(map(int, numbers)))
+    if force is not None and load is not None and not abs(force - load) <= 1e-6 * load:
+        raise ModelError(f"the load of these motions at this tuple has the amplitude {load:g} N, and force = {force:g} N")
     values, hertz = np.atleast_1d(harmonic.values), np.atleast_1d(omega) / (2 * np.pi)
     known = np.isfinite(values)
     if not known.any():
