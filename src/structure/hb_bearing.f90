@@ -42,7 +42,7 @@ contains
       call numbers%add("speeds", self%speeds, required=.not. allocated(self%frequencies))
       call numbers%add("speed", self%speed, required=allocated(self%speeds))
       if (.not. (allocated(self%speeds) .or. allocated(self%frequencies))) return
-      n = n_speeds(self)*n_frequencies(self)
+      n = n_along(self%speeds)*n_along(self%frequencies)
       call numbers%add("stiffness", self%stiffness, n, 4)
       if (.not. allocated(self%damping)) allocate (self%damping(n, 4), source=0.0_wp)
       call numbers%add("damping", self%damping, n, 4)
@@ -50,27 +50,19 @@ contains
       call numbers%add("mass", self%mass, n, 3)
    end subroutine bearing_declare_numbers
 
-   !> Speeds of the table; one without any.
-   pure integer function n_speeds(self)
-      type(bearing_t), intent(in) :: self
+   !> Values along an axis of the table; one without it.
+   pure integer function n_along(axis)
+      real(wp), allocatable, intent(in) :: axis(:)
 
-      n_speeds = 1
-      if (allocated(self%speeds)) n_speeds = size(self%speeds)
-   end function n_speeds
-
-   !> Frequencies of the table; one without any.
-   pure integer function n_frequencies(self)
-      type(bearing_t), intent(in) :: self
-
-      n_frequencies = 1
-      if (allocated(self%frequencies)) n_frequencies = size(self%frequencies)
-   end function n_frequencies
+      n_along = 1
+      if (allocated(axis)) n_along = size(axis)
+   end function n_along
 
    logical function bearing_has_valid_numbers(self) result(are_valid)
       class(bearing_t), intent(in) :: self
 
       are_valid = has_speed(self) .and. has_frequencies(self)
-      if (are_valid) are_valid = is_mass(mass_of(self, n_frequencies(self)))
+      if (are_valid) are_valid = is_mass(mass_of(self, n_along(self%frequencies)))
    end function bearing_has_valid_numbers
 
    !> Whether there is a table, with the speed.
@@ -113,8 +105,8 @@ contains
          end associate
       end if
       if (.not. has_speed(self)) return                               ! which has been reported
-      if (size(self%mass, 1) /= n_speeds(self)*n_frequencies(self)) return
-      if (.not. is_mass(mass_of(self, n_frequencies(self)))) &
+      if (size(self%mass, 1) /= n_along(self%speeds)*n_along(self%frequencies)) return
+      if (.not. is_mass(mass_of(self, n_along(self%frequencies)))) &
          call problems%add("mass", "at the speed and the highest frequency it must have m_xx and m_yy of 0 or more, and "// &
                            "m_xy**2 of at most m_xx m_yy")
    end subroutine bearing_check
@@ -130,10 +122,10 @@ contains
       class(bearing_t), intent(in) :: self
       type(structure_t), intent(inout) :: structure
       type(frequency_part_t) :: parts(2, 2)                           ! the force in x by x, and so on
-      real(wp) :: damping(n_frequencies(self), 4), mass(n_frequencies(self), 4), stiffness(n_frequencies(self), 4)
+      real(wp) :: damping(n_along(self%frequencies), 4), mass(n_along(self%frequencies), 4), stiffness(n_along(self%frequencies), 4)
       integer :: i, j, k, n
 
-      n = n_frequencies(self)
+      n = n_along(self%frequencies)
       do k = 1, n
          stiffness(k, :) = values_at(self, self%stiffness, k)
          damping(k, :) = values_at(self, self%damping, k)
@@ -184,7 +176,7 @@ contains
       values = table(k, :)
       if (.not. allocated(self%speeds)) return
       do i = 1, size(values)
-         call new_monotone_cubic(curve, self%speeds, table(k::n_frequencies(self), i), is_constant_beyond=.true.)
+         call new_monotone_cubic(curve, self%speeds, table(k::n_along(self%frequencies), i), is_constant_beyond=.true.)
          call curve%at(self%speed, values(i), slope)
       end do
    end function values_at
