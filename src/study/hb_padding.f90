@@ -37,6 +37,8 @@ contains
       real(wp) :: narrow, wide
       integer :: i, n_datasets
 
+      call row_of_study(study, wide, n_datasets)
+      if (study%plan%n_points*wide <= worth_it) return
       call read_record(record, path, error)
       if (allocated(error)) return
       if (size(open_points(record, .true.)) > 0) return
