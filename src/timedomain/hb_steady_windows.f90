@@ -53,8 +53,7 @@ module hb_steady_windows
    real(wp), parameter :: numbers_of_unknown = 1.5_wp                 ! of the record used by the first fit, below its highest
                                                                       !! frequency
    real(wp), parameter :: min_fit_gain = 0.8_wp                       ! error of a fit, relative to the previous one
-   real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers
-   real(wp), parameter :: max_terms = 2.0e9_wp                       ! of the averages over one window
+   real(wp), parameter :: largest_record = 1.0e7_wp                   ! numbers in memory
    real(wp), parameter :: largest_spread = 1.0e-2_wp                  ! of a steady motion, relative
    real(wp), parameter :: final_spread_ratio = 1.0e-2_wp ! spread at which the time integration ends, relative to that allowed
    real(wp), parameter :: near_tolerance_share = 0.1_wp               ! likewise, after `min_windows`
@@ -113,9 +112,10 @@ contains
    !> Work of averages over a record [ns].
    pure real(wp) function work_of_averages(discretisation, n_samples, n_coordinates) result(work)
       type(discretisation_t), intent(in) :: discretisation
-      integer, intent(in) :: n_samples, n_coordinates
+      real(wp), intent(in) :: n_samples
+      integer, intent(in) :: n_coordinates
 
-      work = 2.0_wp*n_samples*n_coordinates*real(discretisation%harmonics%n_harmonics, wp)
+      work = 2.0_wp*n_samples*n_coordinates*discretisation%harmonics%n_harmonics
    end function work_of_averages
 
    !> Largest permitted spread of a steady motion.
@@ -146,9 +146,8 @@ contains
          do window = 1, max_windows
             n_periods = windows%n_first*2**(window - 1)
             windows%config%duration = n_periods*windows%period
-            if (is_too_long(windows, options)) exit
             if (window > 1) call check_work(options, 2.0_wp*work_of_window, steady)
-            if (steady%is_out_of_work) exit
+            if (steady%is_out_of_work .or. is_too_long(windows, discretisation, options)) exit
             work_of_window = -steady%work
             call integrate_window(options, windows%equations, windows%config, windows%step, state, record, steady, error)
             if (allocated(error)) return
@@ -273,15 +272,17 @@ contains
       end do
    end function sums_of_terms
 
-   !> Whether a window of the present duration has too many samples.
-   pure logical function is_too_long(self, options)
+   !> Whether a window of the present duration has too many samples for the memory, or the permitted work.
+   pure logical function is_too_long(self, discretisation, options)
       type(windows_t), intent(in) :: self
+      type(discretisation_t), intent(in) :: discretisation
       type(options_t), intent(in) :: options
 
       associate (n_samples => self%config%duration/self%step)
          is_too_long = n_samples*self%equations%n_dofs > largest_record
          if (.not. options%integration%aim > 0.0_wp) &
-            is_too_long = is_too_long .or. n_samples*self%coordinates%n*size(self%frequencies) > max_terms
+            is_too_long = is_too_long .or. &
+               work_of_averages(discretisation, n_samples, self%coordinates%n) > options%integration%max_work
       end associate
    end function is_too_long
 
@@ -305,7 +306,8 @@ contains
       if (allocated(error)) return
       self%fit%max_work = options%integration%max_work - steady%work
       averages = averages_of(system, discretisation, options, z, self%record, self%fit)
-      steady%work = steady%work + merge(self%fit%work, work_of_averages(discretisation, size(z, 1), size(z, 2)), finds_lines)
+      steady%work = steady%work + &
+                    merge(self%fit%work, work_of_averages(discretisation, real(size(z, 1), wp), size(z, 2)), finds_lines)
       if (work_is_over()) call fail(error, ended)
       if (allocated(error)) return
       if (finds_lines) then
