@@ -1,4 +1,4 @@
-!> A motion as a series in its tones, at any time: x = Re sum of c_j exp(i (j.omega) t), c = cos - i sin.
+!> A motion as a series in its tones, at any time: x = Re sum of c_j exp(i j.(start + omega t)), c = cos - i sin.
 module hb_motion_series
    use hb_kinds, only: wp
    implicit none
@@ -11,6 +11,7 @@ module hb_motion_series
       integer :: n_coordinates = 0
       integer, allocatable :: tuples(:, :)                            !! (n_tones, n_harmonics)
       real(wp), allocatable :: omega(:)                               !! [rad/s], (n_tones)
+      real(wp), allocatable :: start(:)                               !! phases at t = 0 [rad], (n_tones)
       real(wp), allocatable :: frequencies(:)                         !! j.omega [rad/s], (n_harmonics)
       complex(wp), allocatable :: amplitudes(:, :)                    !! (n_coordinates, n_harmonics)
       integer, allocatable, private :: rows(:, :)                     ! tuples without their last entry, (n_tones - 1, any)
@@ -28,7 +29,7 @@ module hb_motion_series
 
 contains
 
-   !> Creates the series of coordinates, sum of Re(amplitude exp(i j.omega t)).
+   !> Creates the series of coordinates, sum of Re(amplitude exp(i j.omega t)): all phases start at 0.
    subroutine new_motion_series(self, tuples, omega, amplitudes)
       type(motion_series_t), intent(out) :: self
       integer, intent(in) :: tuples(:, :)                             !! (n_tones, n_harmonics)
@@ -38,6 +39,7 @@ contains
       self%n_coordinates = size(amplitudes, 1)
       self%tuples = tuples
       self%omega = omega
+      self%start = 0.0_wp*omega
       self%frequencies = matmul(omega, real(tuples, wp))
       self%amplitudes = amplitudes
       self%highest = max(1, maxval(abs(tuples)))
@@ -96,7 +98,7 @@ contains
       integer :: i
 
       do i = 1, size(times)
-         phases(:, i) = self%omega*times(i)
+         phases(:, i) = self%start + self%omega*times(i)
       end do
    end function motion_series_phases
 

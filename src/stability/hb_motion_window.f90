@@ -61,7 +61,7 @@ contains
       allocate (self%samples(0:size(self%divisors) - 1, motion%n_coordinates, merge(2, 1, with_rates)))
       allocate (grid(0:self%n_points - 1), sampled(0:self%n_points - 1), amplitudes(size(motion%frequencies)))
       centre = start + (size(self%divisors)/2 - half_width)*self%spacing
-      turns = exp(cmplx(0.0_wp, motion%frequencies*centre, wp))
+      turns = exp(cmplx(0.0_wp, matmul(motion%start, real(motion%tuples, wp)) + motion%frequencies*centre, wp))
       do part = 1, size(self%samples, 3)
          do c = 1, motion%n_coordinates
             amplitudes = motion%amplitudes(c, :)*turns

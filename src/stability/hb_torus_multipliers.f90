@@ -5,7 +5,9 @@
 !> functions on the circle, here of their values at samples. exp(i k theta) v then has the multiplier m exp(-i k rho), so that
 !> each disturbance occurs once for each k, and its shortest series represents it. One that equals its own conjugate but for
 !> exp(i k theta) has a multiplier that is real (k even) or belongs to functions of twice the period (k odd, stored as
-!> negative). Samples are added until the multipliers no longer change; how far they did is their error.
+!> negative). Samples are added until the multipliers no longer change. The error of the last ones is how far they did, times the
+!> ratio by which the ends of the series have fallen meanwhile: that of an eigenvalue falls at least as fast, as the product of the
+!> ends of both its eigenfunctions.
 !> Source: A. Jorba, Numerical computation of the normal behaviour of invariant curves of n-dimensional maps, Nonlinearity 14
 !> (2001) 943-976.
 module hb_torus_multipliers
@@ -16,7 +18,6 @@ module hb_torus_multipliers
    use hb_lapack, only: dgeev
    use hb_map_eigenvalues, only: sort_by_size
    use hb_monodromy, only: find_transfer, monodromy_t, work_of_transfer
-   use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_variation, only: variation_t
    implicit none
    private
@@ -27,7 +28,7 @@ module hb_torus_multipliers
    real(wp), parameter :: max_tail = 1.0e-3_wp                        ! of the series of a disturbance, relative
    real(wp), parameter :: max_error = 1.0e-4_wp                       ! of multipliers that are known
    real(wp), parameter :: same_multiplier = 1.0e-5_wp                 ! difference, relative, of disturbances that are one
-   real(wp), parameter :: tolerance_of_maps = 1.0e-10_wp
+   real(wp), parameter :: share_of_maps = 1.0e-2_wp                   ! of the tolerance of multipliers
    real(wp), parameter :: same_direction = 0.9_wp                     ! cosine between disturbances that are one
    real(wp), parameter :: work_of_eigenvectors = 25.0_wp              ! by the third power of the size [ns]
 
@@ -66,75 +67,70 @@ contains
       real(wp), intent(in) :: max_work                                !! in about a nanosecond
       complex(wp), allocatable, intent(out) :: multipliers(:)         !! over a period of the tone of the maps, the largest first
       real(wp), intent(out) :: error                                  !! of them
-      complex(wp), allocatable :: amplitudes(:, :), before(:)
+      complex(wp), allocatable :: before(:)
       real(wp), allocatable :: maps(:, :, :)
-      real(wp) :: length, rho, work
+      real(wp) :: error_of_maps, length, rho, tail, tail_before, work
       integer :: n, other
       logical :: is_known
 
       error = huge(1.0_wp)
+      tail_before = 1.0_wp
       other = 3 - tone_of_maps(variation%motion%tuples)
       associate (omega => variation%motion%omega)
          rho = two_pi*omega(other)/omega(3 - other)
          length = two_pi/omega(3 - other)
       end associate
-      allocate (amplitudes, source=variation%motion%amplitudes)
       n = first_samples
       do while (n*variation%size <= max_size)
          work = n*work_of_transfer(variation, length) + &
                 work_of_eigenvectors*(real(n, wp)*variation%size)**3
          if (work > max_work) exit
-         call find_maps(variation, amplitudes, other, n, maps)
+         call find_maps(variation, other, n, share_of_maps*tolerance, maps, error_of_maps)
          if (.not. allocated(maps)) exit
-         call find_families(maps, rho, neutral_on_circle(neutral, variation%motion%tuples(other, :), n), multipliers, is_known)
+         if (variation%size == 2 .and. size(neutral, 3) == 1) then
+            call find_last_one(maps, multipliers, tail, is_known)
+         else
+            call find_families(maps, rho, neutral_on_circle(neutral, variation%motion%tuples(other, :), n), multipliers, tail, &
+                               is_known)
+         end if
          if (is_known .and. allocated(before)) then
-            if (size(before) == size(multipliers)) error = movement(before, multipliers)
+            if (size(before) == size(multipliers)) &
+               error = movement(before, multipliers)*min(1.0_wp, tail/max(tail_before, tiny(1.0_wp))) + error_of_maps
             if (error <= tolerance) exit
          end if
          if (allocated(before)) deallocate (before)
          if (is_known) allocate (before, source=multipliers)
+         tail_before = tail
          n = 2*((4*n)/5) + 1
       end do
-      call turn(variation, amplitudes, other, 0.0_wp)
+      variation%motion%start(other) = 0.0_wp
       if (error > max_error .and. allocated(multipliers)) deallocate (multipliers)
    end subroutine find_torus_multipliers
 
    !> The maps over a period of one tone at equal distances of the phase of the other one; none if they are not found.
-   subroutine find_maps(variation, amplitudes, other, n, maps)
+   subroutine find_maps(variation, other, n, tolerance, maps, error)
       type(variation_t), intent(inout) :: variation
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! of the motion at phase 0
       integer, intent(in) :: other                                    !! tone
       integer, intent(in) :: n
+      real(wp), intent(in) :: tolerance
       real(wp), allocatable, intent(out) :: maps(:, :, :)             !! (size, size, n)
+      real(wp), intent(out) :: error                                  !! estimated, relative to the largest entry of a map or 1
       type(monodromy_t) :: map
       real(wp), allocatable :: found(:, :, :)
       integer :: k
 
       allocate (found(variation%size, variation%size, n))
+      error = 0.0_wp
       do k = 1, n
-         call turn(variation, amplitudes, other, two_pi*(k - 1)/n)
-         call find_transfer(map, variation, 0.0_wp, two_pi/variation%motion%omega(3 - other), tolerance_of_maps, huge(1.0_wp))
+         variation%motion%start(other) = two_pi*(k - 1)/n
+         call find_transfer(map, variation, 0.0_wp, two_pi/variation%motion%omega(3 - other), tolerance, huge(1.0_wp))
          if (work_is_over() .or. .not. allocated(map%matrix)) return
          if (.not. all(ieee_is_finite(map%matrix))) return
+         error = max(error, map%estimate)
          found(:, :, k) = map%matrix
       end do
       call move_alloc(found, maps)
    end subroutine find_maps
-
-   !> Turns the motion in the phase of a tone.
-   subroutine turn(variation, amplitudes, tone, by)
-      type(variation_t), intent(inout) :: variation
-      complex(wp), intent(in) :: amplitudes(:, :)                     !! of the motion at phase 0
-      integer, intent(in) :: tone
-      real(wp), intent(in) :: by                                      !! [rad]
-      type(motion_series_t) :: turned
-      complex(wp) :: factors(size(amplitudes, 2))
-
-      factors = exp(cmplx(0.0_wp, by*variation%motion%tuples(tone, :), wp))
-      call new_motion_series(turned, variation%motion%tuples, variation%motion%omega, &
-                             amplitudes*spread(factors, 1, size(amplitudes, 1)))
-      variation%motion = turned
-   end subroutine turn
 
    !> Series over the phase of the other tone at the phase 0 of that of the maps, (size, n, any).
    pure function neutral_on_circle(neutral, orders, n) result(series)
@@ -156,12 +152,35 @@ contains
       end do
    end function neutral_on_circle
 
+   !> Finds the multiplier beside that of a neutral disturbance, of maps of two rows: the product of both is the mean growth of an
+   !> area (Liouville).
+   pure subroutine find_last_one(maps, multipliers, tail, is_known)
+      real(wp), intent(in) :: maps(:, :, :)                           !! (2, 2, n)
+      complex(wp), allocatable, intent(out) :: multipliers(:)
+      real(wp), intent(out) :: tail                                   !! of the series of the growth
+      logical, intent(out) :: is_known
+      real(wp) :: growth(size(maps, 3))
+      complex(wp) :: last
+      integer :: k, n
+
+      n = size(growth)
+      growth = maps(1, 1, :)*maps(2, 2, :) - maps(1, 2, :)*maps(2, 1, :)
+      tail = 0.0_wp
+      is_known = all(growth > 0.0_wp)
+      if (.not. is_known) return
+      growth = log(growth)
+      last = sum([(growth(k)*exp(cmplx(0.0_wp, -two_pi*(k - 1)*(n/2)/n, wp)), k=1, n)])/n
+      tail = abs(last)
+      multipliers = [cmplx(exp(sum(growth)/n), 0.0_wp, wp)]
+   end subroutine find_last_one
+
    !> Finds one multiplier of each family, except of the neutral ones; they are not known if a disturbance has no short series.
-   subroutine find_families(maps, rho, neutral, multipliers, is_known)
+   subroutine find_families(maps, rho, neutral, multipliers, largest_tail, is_known)
       real(wp), intent(in) :: maps(:, :, :)                           !! (size, size, n)
       real(wp), intent(in) :: rho                                     !! [rad]
       complex(wp), intent(in) :: neutral(:, :, :)                     !! (size, n, any)
       complex(wp), allocatable, intent(out) :: multipliers(:)
+      real(wp), intent(out) :: largest_tail                           !! of the series of disturbances, relative
       logical, intent(out) :: is_known
       type(families_t) :: found
       complex(wp), allocatable :: series(:, :, :), values(:)
@@ -170,6 +189,7 @@ contains
       integer :: i, k, n, n_families
 
       n = size(maps, 3)
+      largest_tail = 0.0_wp
       call eigenfunctions(maps, rho, values, series)
       is_known = allocated(values)
       if (.not. is_known) return
@@ -191,6 +211,7 @@ contains
          if (any(match_of(found, series(:, :, k), values(k), rho) > 0)) cycle
          found%series = reshape([found%series, series(:, :, k)], [size(maps, 1), n, size(found%series, 3) + 1])
          found%multipliers = [found%multipliers, values(k)]
+         largest_tail = max(largest_tail, sqrt(tail(k)))
          if (size(found%multipliers) == n_families) exit
       end do
       is_known = size(found%multipliers) == n_families

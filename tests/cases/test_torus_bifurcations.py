@@ -212,3 +212,24 @@ def test_switch_leads_to_the_born_tone(swapped, tmp_path):
     amplitude = np.hypot(*coefficients_by_tuple(branch, point)[0, 0, 1])
     assert free_amplitude(4.0) == pytest.approx(amplitude, rel=1e-3)
     assert free_amplitude(5.2) < 1e-3 * amplitude
+
+
+def test_an_oscillator_with_its_own_tone_loses_area_as_its_damping_does(tmp_path):
+    """One of both disturbances of a forced self-excited oscillator is the shift of its phase, so that the exponent of the other one
+    is the mean of mu (1 - x**2) (Liouville): on all points of a curve, however slowly the series of disturbances fall."""
+    path = solve(
+        """
+&structure type = 'matrices', n_dofs = 1, mass = 1.0, stiffness = 1.0 /
+&tones frequency = 1.2, 1.01, unknown = .false., .true. /
+&harmonics order = 9, 7 /
+&load dof = 'x1', tuple = 1, 0, sin = 0.5 /
+&law type = 'van_der_pol', dof = 'x1', strength = 0.5 /
+&curve parameter = 'load(1)%sin', start = 0.5, from = 0.7, to = 0.3 /
+""",
+        tmp_path,
+    )
+    kinds, exponents, stable = read(path, "curve_kind", "exponent", "is_stable")
+    used = np.flatnonzero(np.isfinite(read(path, "coefficients")).all(axis=(1, 2, 3)) & (kinds >= 0))
+    assert len(used) > 5
+    assert exponents[used, 0] == pytest.approx(0.5 * (1.0 - mean_squares(path)[used]), abs=1e-6)
+    assert (stable[used] == 1).all()
