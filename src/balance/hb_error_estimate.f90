@@ -63,7 +63,7 @@ contains
                                                                       !! the motion is a point: errors along its last form, and
                                                                       !! along a null vector where another one crosses, do not count
       complex(wp), allocatable :: c(:, :)
-      logical :: is_fine
+      logical :: is_fine, needs_grid
       type(balance_t), target :: wide                                 ! not `allocatable`: several kB, for each point
       type(harmonics_t) :: set
       type(law_measure_t) :: measure
@@ -84,8 +84,9 @@ contains
       if (.not. allocated(error)) call check_contact(self, structure, balance, wide, u, error)
       if (.not. allocated(error)) call estimate_errors(self, balance, wide, u, measure, is_fine, error, bordered)
       if (.not. allocated(error)) then
-         if (.not. (present(bordered) .or. is_interrupted()) .and. (any(is_unknown([self%truncation, self%aliasing])) .or. &
-                                            has_multipliers(balance) .and. balance%harmonics%n_tones == 1)) &
+         needs_grid = any(is_unknown([self%truncation, self%aliasing])) .and. .not. wide%has_left_domain() ! no grid leads back
+         needs_grid = needs_grid .or. has_multipliers(balance) .and. balance%harmonics%n_tones == 1
+         if (needs_grid .and. .not. (present(bordered) .or. is_interrupted())) &
             call solve_on_finer_grid(self, balance, wide, u, measure, is_fine, error)
          if (is_unknown(self%truncation)) self%truncation = 1.0_wp
          if (is_unknown(self%aliasing)) self%aliasing = 1.0_wp
