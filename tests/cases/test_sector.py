@@ -47,12 +47,17 @@ def tuples_of(motion):
     return [tuple(int(j) for j in np.atleast_1d(each)) for each in motion["tuple"].values]
 
 
-def assert_same(wheel, one, n, orders, tolerance=EXACT):
+def in_wheel(dof, s):
+    """A name in `whole_wheel`."""
+    return f"{dof}_{s}" if s else dof
+
+
+def assert_same(wheel, one, n, orders, tolerance=EXACT, name="{}{}".format):
     """The sector's motion is that of each sector of the wheel, in all harmonics."""
-    size = max(abs(amplitude(wheel, "b0", j)) for j in tuples_of(wheel))
+    size = max(abs(amplitude(wheel, name("b", 0), j)) for j in tuples_of(wheel))
     for j, s, dof in itertools.product(tuples_of(wheel), (0, 1, n // 2), "db"):
         turn = np.exp(-2j * np.pi * np.dot(j, orders) * s / n)
-        assert abs(amplitude(wheel, f"{dof}{s}", j) - turn * amplitude(one, dof, j)) < tolerance * size, (j, s, dof)
+        assert abs(amplitude(wheel, name(dof, s), j) - turn * amplitude(one, dof, j)) < tolerance * size, (j, s, dof)
 
 
 @pytest.mark.parametrize(("n", "order"), [(4, 0), (4, 2), (6, 3), (5, 2), (7, -3), (5, 11)])
@@ -135,6 +140,45 @@ def shrouded(kind, n=8, order=3, frequency=1.05, load=0.3, **keys):
 def test_laws_between_neighbours_as_on_the_whole_wheel(kind, keys):
     wheel, one = shrouded(kind, **keys)
     assert_same(wheel.solve(order=7), one.solve(order=7), 8, [3])
+
+
+@pytest.mark.parametrize("kind", ["elastic_stop", "jenkins"])
+def test_the_wheel_made_of_a_sector_has_laws_between_neighbours(kind):
+    keys = {"elastic_stop": {"gap": 0.1, "stiffness": 3.0}, "jenkins": {"stiffness": 2.0, "limit": 0.1}}[kind]
+    wheel, one = shrouded(kind, **keys)
+    found = [model.solve(order=5) for model in (wheel, one.whole_wheel())]
+    assert_same(found[1], one.solve(order=5), 8, [3], name=in_wheel)
+    assert found[0]["stability"] == found[1]["stability"] != "unknown"
+
+
+@pytest.mark.parametrize("n", [6, 8])
+def test_stops_under_two_tones_are_those_of_the_wheel_made(n):
+    """Fresh numbers in each run: two engine orders, of any sign, with any phase, and a mean load."""
+    random = np.random.default_rng()
+    tones, orders = [1.05, 1.6180339], [int(order) for order in random.integers(-n, n, 2)]
+    one = sector(n, tones, orders, sampling={"samples": [48, 48]})  # n divides them: all sectors have the same samples
+    for j, size in ([1, 0], 0.3), ([0, 1], 0.2), ([0, 0], 0.1):
+        cos, sin = size * random.uniform(-1.0, 1.0, 2)
+        one.load("b", j, cos=cos, sin=sin)
+    one.law("elastic_stop", "b", gap=0.1, stiffness=random.uniform(1.0, 3.0), label="stop")
+    assert_same(one.whole_wheel().solve(order=3), one.solve(order=3), n, orders, name=in_wheel)
+
+
+@pytest.mark.parametrize("frequency", [1.04, 1.25])
+def test_the_wheel_made_of_a_sector_is_verified_by_time_integration(frequency):
+    _, one = stops(6, frequency, 0.3)
+    wheel = one.whole_wheel()
+    verdict = {"stable": "agrees", "unstable": "unstable"}[wheel.solve(tolerance=1e-4)["stability"].item()]
+    assert wheel.verify()["integration_verdict"] == verdict
+
+
+def test_what_a_wheel_cannot_repeat_is_refused_by_name():
+    _, one = stops(5, 1.05, 0.3)
+    one.law("parametric", "b", tuple=[2], stiffness_cos=0.1, label="swinging")
+    with pytest.raises(nhbm.ModelError, match="phase of its own"):
+        one.whole_wheel()
+    with pytest.raises(nhbm.ModelError, match="not one sector"):
+        ring(3, [1.0]).whole_wheel()
 
 
 def test_a_curve_and_its_peak_are_those_of_the_whole_wheel():

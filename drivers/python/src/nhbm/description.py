@@ -505,6 +505,29 @@ class Description(Laws):
         self._add("sector", {"n_sectors": n_sectors, "engine_orders": orders, "low": list(low), "high": list(high), **keys})
 
     @exclusive
+    def whole_wheel(self) -> Self:
+        """The whole wheel of a model of one sector, for what needs all sectors: verification, deviations between blades.
+
+        Returns
+        -------
+        Model
+            Its sector 0 has the names of this model; those of sector s end in ``_s``, such as `blade_3` and the law `stop_3`.
+        """
+        from nhbm.whole_wheel import structure_of_matrices, whole_wheel  # with SciPy
+
+        group = self._groups.single("structure")
+        if group.keys.get("type") == "matrices":
+            structure = structure_of_matrices(group.keys)
+        elif "file" in group.keys:
+            structure = self._find_structure(str(group.keys["file"]))
+        else:
+            raise ModelError("whole_wheel: the sector must be of matrices or a model file")
+        groups = whole_wheel(self._groups, structure)
+        model = type(self)(groups.single("structure").keys["file"])
+        model._groups, model._folder = groups, self._folder
+        return model
+
+    @exclusive
     def dynamic_stiffness(self, kind: str, dof: str | Iterable[str], **keys: Any) -> None:
         """Adds a part of the structure with frequency-dependent stiffness, such as a viscoelastic mount.
 
