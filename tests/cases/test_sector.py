@@ -172,6 +172,27 @@ def test_the_wheel_made_of_a_sector_is_verified_by_time_integration(frequency):
     assert wheel.verify()["integration_verdict"] == verdict
 
 
+def test_deviations_between_blades_of_the_wheel_made_are_those_of_full_matrices():
+    """Mistuning without laws has a closed form: the dynamic stiffness of the wheel with the stiffness of each blade."""
+    n, order, w, load = 12, 3, 1.05, 0.3
+    one = sector(n, [w], order)
+    one.load("b", 1, cos=load)
+    wheel = one.whole_wheel()
+    deviations = np.random.default_rng().normal(0.0, 0.05 * STIFFNESS, n)
+    for s, k in enumerate(deviations):
+        wheel.law("polynomial", ["b" + f"_{s}" * (s > 0), "d" + f"_{s}" * (s > 0)], weights=[1.0, -1.0], stiffness=[k])
+    d, b = np.arange(n), n + np.arange(n)
+    around = list(zip(d, np.roll(d, -1), strict=True))
+    springs_of = springs(2 * n, around, COUPLING) + np.diag([2.0] * n + [0.0] * n)
+    for s in range(n):
+        springs_of += springs(2 * n, [(d[s], b[s])], STIFFNESS + deviations[s])
+    dampers = springs(2 * n, around, SHEAR) + DAMPING * np.eye(2 * n)
+    force = np.concatenate([np.zeros(n), load * np.exp(-2j * np.pi * order * np.arange(n) / n)])
+    exact = np.linalg.solve(springs_of - w**2 * MASS * np.eye(2 * n) + 1j * w * dampers, force)
+    motion = wheel.solve(order=1)
+    np.testing.assert_allclose([amplitude(motion, in_wheel("b", s), 1) for s in range(n)], exact[n:], rtol=1e-8, atol=1e-10)
+
+
 def test_what_a_wheel_cannot_repeat_is_refused_by_name():
     _, one = stops(5, 1.05, 0.3)
     one.law("parametric", "b", tuple=[2], stiffness_cos=0.1, label="swinging")

@@ -57,8 +57,8 @@ def whole_wheel(groups: Groups, structure: Structure) -> Groups:
     for group in groups:
         _check(group)
         if group.name == "structure":
-            speed = {key: group.keys[key] for key in ("speed", "structural_frequency") if key in group.keys}
-            whole.add(Group("structure", {"type": "model", "file": wheel, **speed}))
+            further = {key: value for key, value in group.keys.items() if key in ("speed", "structural_frequency")}
+            whole.add(Group("structure", {**further, "type": "model", "file": wheel}))
         elif group.name != "sector":
             for s in range(n if group.name in (*WAVES, *PARTS) else 1):
                 whole.add(in_sector(group, s))
@@ -68,11 +68,13 @@ def whole_wheel(groups: Groups, structure: Structure) -> Groups:
 def structure_of_matrices(keys: dict[str, Any]) -> Structure:
     """The structure of a group `type = 'matrices'`."""
     size = int(keys["n_dofs"])
-    given = {name: np.reshape(keys[name], (size, size)) for name in MATRICES if name in keys}
-    texts = {name: list(_several(keys[name])) for name in ("labels", "units") if name in keys}
-    if len(texts.get("units", [])) == 1:
-        texts["units"] *= size
-    return Structure(**given, **texts)
+    given: dict[str, Any] = {name: np.reshape(keys[name], (size, size)) for name in MATRICES if name in keys}
+    for name in ("labels", "units"):
+        if name in keys:
+            given[name] = list(_several(keys[name]))
+    if len(given.get("units", [])) == 1:
+        given["units"] *= size
+    return Structure(**given)
 
 
 def _assembled(matrix: Any, at: np.ndarray, size: int) -> Any:
