@@ -202,7 +202,8 @@ contains
                   do k = 1, size(slip)
                      if (slip(k) == 0) cycle
                      x(2*self%n_dofs + span%first_state + k - 1, :) = &
-                        matmul(matmul(self%shape(:, span%first:span%last), slopes(k, :)), x(:self%n_dofs, :))
+                        matmul(matmul(self%shape(:, span%first:span%last), slopes(k, :)), x(:self%n_dofs, :))/ &
+                        self%slider_unit(span%first_state + k - 1)
                   end do
                   deallocate (slopes)
                end select

@@ -43,6 +43,7 @@ module hb_variation
       integer :: size = 0                                             !! of the state
       real(wp) :: scale = 1.0_wp                                      !! of velocities [1/s]
       real(wp) :: norm = 0.0_wp                                       !! of the constant part [1/s]
+      real(wp), allocatable :: slider_unit(:)                         !! of their positions in the state: like the degrees of freedom
       type(motion_series_t) :: motion                                 !! of the coordinates
       integer, allocatable :: slip(:)                                 !! at the end of the last piece
       real(wp), allocatable :: held(:)
@@ -120,8 +121,13 @@ contains
       end do
       self%size = 2*n + self%n_states
       allocate (self%shape(n, self%n_coordinates), source=0.0_wp)
+      allocate (self%slider_unit(self%n_states))
       do i = 1, size(laws)
-         self%shape(laws(i)%law%dofs, self%spans(i)%first:self%spans(i)%last) = laws(i)%law%shape
+         associate (span => self%spans(i), shape => laws(i)%law%shape)
+            self%shape(laws(i)%law%dofs, span%first:span%last) = shape
+            ! a power of two changes no digit
+            self%slider_unit(span%first_state:span%last_state) = set_exponent(1.0_wp, exponent(maxval(norm2(shape, dim=1))))
+         end associate
       end do
       call new_motion_series(self%motion, tuples, omega, matmul(transpose(self%shape), amplitudes))
       self%extent = max(sum(abs(self%motion%amplitudes), dim=2), tiny(1.0_wp))
@@ -446,7 +452,8 @@ contains
             do k = 1, law%n_states
                do c = 1, size(z, 2)
                   if (slip(k) == 0) then
-                     by_state(first + c - 1, span%first_state + k - 1, i) = df_ds(i, c, k)
+                     by_state(first + c - 1, span%first_state + k - 1, i) = df_ds(i, c, k)* &
+                                                                            self%slider_unit(span%first_state + k - 1)
                   else
                      do d = 1, size(z, 2)
                         by_displacement(first + c - 1, first + d - 1, i) = by_displacement(first + c - 1, first + d - 1, i) &
