@@ -11,6 +11,7 @@ module hb_located_response
    use hb_point_kinds, only: curve_kind, curve_kinds
    use hb_response, only: response_t
    use hb_system, only: system_t
+   use hb_thresholds, only: rounding_level
    implicit none
    private
    public :: located_response_t, response_series_t
@@ -86,12 +87,16 @@ contains
       end select
    end function turn_of
 
-   !> A unit for the values of the function that is located, of the motion at a point nearby.
+   !> A unit for the values of the function that is located, of the motion at a point nearby; 0 of a response that is but rounding
+   !> of its motion.
    pure real(wp) function located_response_unit(self, series) result(unit)
       class(located_response_t), intent(in) :: self
       type(response_series_t), intent(in) :: series
 
-      unit = self%unit_of(self%square(series))
+      unit = 0.0_wp
+      associate (square => self%square(series))
+         if (square > (rounding_level*norm2(abs(series%c)))**2) unit = self%unit_of(square)
+      end associate
    end function located_response_unit
 
    !> The same from what is located.

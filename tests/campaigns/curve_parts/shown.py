@@ -93,6 +93,7 @@ class Curve:
             here = np.arange(first, last)
             for is_backward in (False, True):
                 some = here[(self.length[here] < 0.0) == is_backward]
+                some = some[np.argsort(np.abs(self.length[some]), kind="stable")]
                 yield np.concatenate([[first], some]) if is_backward else some
 
     def of(self, label: str) -> np.ndarray:
@@ -197,8 +198,9 @@ def events_of(curve: Curve) -> list[Event]:
                 found += _crossings(curve, rows, f"amplitude {name}", measure - target, is_this, ROUNDING * target)
             else:
                 sense = 1.0 if kind == PEAK else -1.0
+                rounding = ROUNDING * np.sqrt(np.sum(np.abs(curve.of(name.partition("(")[0].strip())) ** 2, axis=-1))
                 found += _extremes(curve, rows, f"{'peak' if kind == PEAK else 'minimum'} {name}", sense * measure, is_this,
-                                   curve.error * unit)
+                                   curve.error * unit + rounding)
         span = np.ptp([curve.keys["from"][0], curve.keys["to"][0]])
         for wanted in curve.keys.get("values", []):
             found += _crossings(curve, rows, "value", curve.value - wanted, curve.kind == VALUE, ROUNDING * span)
