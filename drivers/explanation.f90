@@ -7,7 +7,7 @@ module explanation
    use hb_attempts, only: describe_attempts
    use hb_document, only: document_t
    use hb_kinds, only: wp
-   use hb_motion_advice, only: advise_on_status
+   use hb_motion_advice, only: advise_on_status, advise_on_verdict
    use hb_motion_result, only: advise_on_reason
    use hb_outcome, only: is_solved, outcome, outcome_names, outcome_text, reason
    use hb_properties, only: properties_t
@@ -287,6 +287,7 @@ contains
             text = text//" The penetration of a wall is "//rounded(record%penetration(point))//" m."
          if (record%is_stable(point) /= 0) &
             text = text//" The motion is "//trim(merge("stable  ", "unstable", record%is_stable(point) > 0))//"."
+         text = text//stability_text()
       end if
 
    contains
@@ -301,6 +302,22 @@ contains
          end associate
          sign = ", "
       end subroutine add
+
+      !> Why the stability is not known.
+      function stability_text() result(text)
+         character(:), allocatable :: text
+         character(:), allocatable :: method
+         type(advice_list_t) :: list
+         type(document_t), target :: copy
+         type(properties_t), pointer :: group
+
+         copy = document
+         group => copy%optional_group("stability")
+         call group%get("method", method)
+         call advise_on_verdict(record%stability_reason(point), 1, method == "integration", list)
+         call describe_advice(list, text)
+         if (len(text) > 0) text = new_line("a")//"Stability: "//text//"."
+      end function stability_text
 
       !> Whether the motion has a tolerance.
       logical function has_tolerance()

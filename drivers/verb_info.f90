@@ -17,6 +17,7 @@ module verb_info
    use hb_outcome, only: is_solved, outcome, outcome_text
    use hb_results_record, only: fail_where_damaged, message_of, open_points, read_record, read_units, record_t
    use hb_run_summary, only: count_retained, run_summary_t
+   use hb_stability, only: unknown_because_names
    use hb_study, only: read_input
    use hb_sweep_plan, only: read_sweep_plan, sweep_plan_t
    use hb_text, only: number_of, string_t, to_text
@@ -210,9 +211,22 @@ contains
       n_unstable = count(record%is_stable < 0)
       if (.not. any(is_solved(record%status))) return
       call write_fact("stability", stability_text(n_stable, n_unstable, count(is_solved(record%status)))// &
-         first_unstable())
+         reasons()//first_unstable())
 
    contains
+
+      !> Why the stability of points is not known, and of how many each.
+      function reasons() result(text)
+         character(:), allocatable :: text
+         integer :: n, reason
+
+         text = ""
+         do reason = 1, ubound(unknown_because_names, 1)
+            n = count(is_solved(record%status) .and. record%is_stable == 0 .and. record%stability_reason == reason)
+            if (n > 0) text = text//merge(" (", ", ", len(text) == 0)//to_text(n)//" "//trim(unknown_because_names(reason))
+         end do
+         if (len(text) > 0) text = text//")"
+      end function reasons
 
       function first_unstable() result(text)
          character(:), allocatable :: text

@@ -14,6 +14,7 @@ module verb_solve
    use hb_memory, only: available_memory, retain_freed_memory
    use hb_model, only: model_t
    use hb_model_advice, only: advise_on_combination, advise_on_drive
+   use hb_motion_advice, only: advise_on_verdict
    use hb_mpi, only: broadcast_text, comm_t, max_over, rank_of, ranks_on_node, share_error, size_of
    use hb_operating_system, only: file_kind, folder_of, kind_of_file, remove_file
    use hb_outcome, only: outcome, reason
@@ -22,7 +23,6 @@ module verb_solve
    use hb_results_record, only: name_of_input, numbers_of, read_record, record_t
    use hb_run_summary, only: number_answered, number_solved, run_summary_t
    use hb_stability, only: stability_method
-   use hb_structure, only: max_dense
    use hb_structure_load, only: is_random
    use hb_study, only: new_study, study_t
    use hb_sweep, only: run_options_t, run_study
@@ -427,15 +427,10 @@ contains
       if (number_solved(summary) > 0 .and. study%model%options%stability%method /= stability_method%off &
           .and. .not. study%model%system%normal_mode%is_requested) &
          call say(stability_text(summary%n_stable, summary%n_unstable, number_solved(summary))//" (see 'is_stable')")
-      if (summary%n_too_costly > 0) then
-         if (study%model%system%structure%n_dofs > max_dense) then
-            call say("the stability of "//number_of(summary%n_too_costly, "point")//" is not known: it is computed for at most "// &
-                     to_text(max_dense)//" degrees of freedom; reduce the model (nhbm-model reduce)")
-         else
-            call list%add(merge(advice%costly_stability, advice%endless_stability, &
-                                study%model%options%stability%method == stability_method%auto), [real(summary%n_too_costly, wp)])
-         end if
-      end if
+      do i = 0, ubound(summary%n_unknown, 1)
+         if (summary%n_unknown(i) > 0) call advise_on_verdict(i, summary%n_unknown(i), &
+            study%model%options%stability%method == stability_method%integration, list)
+      end do
       if (summary%n_without_noise > 0 .and. any(is_random(study%model%system%loads))) &
          call list%add(advice%unknown_noise, [real(summary%n_without_noise, wp)])
       call say_advice("", list)

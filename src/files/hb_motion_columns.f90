@@ -13,7 +13,7 @@ module hb_motion_columns
    use hb_outcome, only: is_solved, outcome_names, reason_names
    use hb_point_kinds, only: curve_kind_names, kind_attribute_t, kind_attributes
    use hb_solver_types, only: fallback_names
-   use hb_stability, only: noise_status, noise_status_names, stability_method_names
+   use hb_stability, only: noise_status, noise_status_names, stability_method_names, unknown_because_names
    use hb_text, only: join
    implicit none
    private
@@ -326,6 +326,7 @@ contains
          end if
          call t%integer("is_stable", "1", "", "1 stable (small disturbances decay), -1 unstable, 0 unknown", found%verdict, &
                         ["unstable", "unknown ", "stable  "], lowest=-1)
+         call t%integer("stability_reason", "1", "", "why the stability is not known", found%reason, unknown_because_names)
          call t%integer("n_unstable", "1", "", "number of growing disturbances", found%n_unstable)
          call t%integer("stability_method", "1", "", "method of the stability analysis", found%method, stability_method_names)
          t%is_known = allocated(exponents)

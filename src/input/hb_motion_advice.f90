@@ -6,10 +6,11 @@ module hb_motion_advice
    use hb_motion_result, only: advise_on_reason, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_solved, outcome, outcome_name, outcome_text, reason
-   use hb_stability, only: noise_status
+   use hb_stability, only: noise_status, unknown_because
+   use hb_structure, only: max_dense
    implicit none
    private
-   public :: advise_on_motion, advise_on_status
+   public :: advise_on_motion, advise_on_status, advise_on_verdict
 
    integer, parameter :: with_order = 100, with_tolerance = 200       ! beyond the number of a status
 
@@ -68,4 +69,35 @@ contains
       if (present(is_adaptive)) of_case = number + merge(with_tolerance, with_order, is_adaptive)
       call list%add(merge(of_case, number, has_row(of_case)))
    end subroutine advise_on_status
+
+   !> Says why the stability of points is not known, and what to do.
+   pure subroutine advise_on_verdict(reason, n_points, is_requested, list)
+      integer, intent(in) :: reason                                   !! of `unknown_because`
+      integer, intent(in) :: n_points
+      logical, intent(in) :: is_requested                             !! whatever it costs
+      type(advice_list_t), intent(inout) :: list
+      integer :: number
+
+      select case (reason)
+      case (unknown_because%too_costly)
+         number = merge(advice%stability_beyond_limit, advice%stability_too_costly, is_requested)
+      case (unknown_because%too_large)
+         number = advice%stability_too_large
+      case (unknown_because%too_many_cycles)
+         number = advice%stability_too_many_cycles
+      case (unknown_because%no_equations)
+         number = advice%stability_no_equations
+      case (unknown_because%at_limit)
+         number = advice%stability_at_limit
+      case (unknown_because%inaccurate)
+         number = advice%stability_inaccurate
+      case (unknown_because%growing)
+         number = advice%stability_growing
+      case (unknown_because%contradicted)
+         number = advice%stability_contradicted
+      case default                                                    ! the status says it
+         return
+      end select
+      call list%add(number, real([n_points, max_dense], wp))
+   end subroutine advise_on_verdict
 end module hb_motion_advice

@@ -19,7 +19,7 @@ module hb_floquet
    use hb_null_space, only: find_null_space
    use hb_piecewise_orbit, only: find_piecewise_orbit, has_piecewise_orbit, piecewise_orbit_t, work_of_piecewise_orbit
    use hb_stability, only: excitation_t, few_periods, harmonic_motion_t, max_multipliers, noise_status, share_of_stability, &
-      stability_config_t, stability_finder_t, stability_method, stability_t, verdict, work_of_verdict
+      stability_config_t, stability_finder_t, stability_method, stability_t, unknown_because, verdict, work_of_verdict
    use hb_structure, only: structure_t
    use hb_thresholds, only: certainty_factor, estimate_safety, negligible_share, rounding_level, small_share
    use hb_torus_multipliers, only: find_torus_multipliers, has_torus_multipliers, tone_of_maps
@@ -76,10 +76,12 @@ contains
       real(wp) :: limit
       integer :: n_transfers                                          ! at least, for a verdict
 
-      if (config%method == stability_method%off .or. has_to_be_integrated(laws)) return
-      stability%is_too_costly = allocated(structure%sparse)
-      if (stability%is_too_costly .and. has_noise(excitation)) stability%response%status = noise_status%too_costly
-      if (stability%is_too_costly) return
+      if (config%method == stability_method%off) return
+      if (has_to_be_integrated(laws)) stability%reason = unknown_because%no_equations
+      if (allocated(structure%sparse)) stability%reason = unknown_because%too_large
+      if (stability%reason == unknown_because%too_large .and. has_noise(excitation)) &
+         stability%response%status = noise_status%too_costly
+      if (stability%reason /= unknown_because%none) return
       limit = self%max_work(config, work_allowed)
       if (has_noise(excitation)) limit = huge(1.0_wp)                 ! its response was requested, which needs the verdict
       if (size(laws) == 0 .and. .not. allocated(structure%parts)) then
@@ -90,8 +92,10 @@ contains
       end if
       n_transfers = 1
       if (motion%tones%n_tones > 1) n_transfers = min(config%min_periods, few_periods)
-      stability%is_too_costly = n_transfers*min_work(structure%n_dofs) > limit ! any motion: the mass matrix is then not inverted
-      if (stability%is_too_costly) return
+      if (n_transfers*min_work(structure%n_dofs) > limit) then        ! any motion: the mass matrix is then not inverted
+         stability%reason = unknown_because%too_costly
+         return
+      end if
       if (allocated(structure%parts)) then
          call assess_with_parts(stability, variation, motion, structure, laws, limit)
          return
@@ -115,12 +119,15 @@ contains
 
       associate (motion => scaled%motion)
          call new_variation(variation, scaled%structure, scaled%laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
-         if (allocated(error)) return
+         if (allocated(error)) then
+            self%reason = unknown_because%no_equations
+            return
+         end if
          associate (highest => max(maxval(abs(variation%motion%frequencies)), variation%detection_frequency))
-            self%is_too_costly = highest > max_turns*minval(motion%tones%omega)
+            if (highest > max_turns*minval(motion%tones%omega)) self%reason = unknown_because%too_many_cycles
          end associate
-         if (self%is_too_costly .and. has_noise(scaled%excitation)) self%response%status = noise_status%too_costly
-         if (self%is_too_costly) return
+         if (self%reason /= unknown_because%none .and. has_noise(scaled%excitation)) self%response%status = noise_status%too_costly
+         if (self%reason /= unknown_because%none) return
          if (motion%tones%n_tones == 1) then
             call assess_one_tone(self, config, variation, scaled, limit)
          else
@@ -151,7 +158,7 @@ contains
       associate (motion => scaled%motion)
          self%response%status = noise_status%no_verdict
          if (self%verdict == verdict%unstable) self%response%status = noise_status%unstable
-         if (self%is_too_costly) self%response%status = noise_status%too_costly
+         if (is_left_out(self)) self%response%status = noise_status%too_costly
          if (self%verdict /= verdict%stable .or. .not. allocated(self%exponents)) return
          self%response%status = noise_status%unbounded
          if (size(unbounded, 2) > 0) return
@@ -203,8 +210,10 @@ contains
       logical :: is_orbit_sought
 
       work = work_of_monodromy(variation)
-      self%is_too_costly = work > limit
-      if (self%is_too_costly) return
+      if (work > limit) then
+         self%reason = unknown_because%too_costly
+         return
+      end if
       self%method = stability_method%integration
       is_orbit_sought = .false.
       if (.not. scaled%motion%tones%is_unknown(1)) is_orbit_sought = has_piecewise_orbit(variation)
@@ -252,13 +261,17 @@ contains
                return
             end if
          end if
-         self%is_too_costly = work > min(limit, work_on_demand)
-         if (self%is_too_costly) return
+         if (work > min(limit, work_on_demand)) then
+            self%reason = unknown_because%too_costly
+            return
+         end if
       end if
       call find_coordinate_scales(scales, structure, none, minval(abs(motion%tones%omega)), sum(abs(motion%amplitudes), dim=2))
       scaled = scales%scaled_structure(structure)
       call new_variation(variation, scaled, none, motion%tuples, motion%tones%omega, motion%amplitudes, error)
+      self%reason = unknown_because%no_equations                      ! unless they follow
       if (allocated(error)) return
+      self%reason = unknown_because%none
       matrix = variation%constant
       directions = states_of(free_motions(scaled, none), size(matrix, 1))
       if (allocated(variation%massless)) then
@@ -296,14 +309,19 @@ contains
       type(structure_t) :: bare
       type(error_t), allocatable :: error
 
+      self%reason = unknown_because%no_equations                      ! unless they follow
       if (motion%tones%n_tones > 1 .or. .not. has_determinant(structure%parts, motion%tones%omega(1))) return
       bare = structure
       deallocate (bare%parts)
       call new_variation(variation, bare, laws, motion%tuples, motion%tones%omega, motion%amplitudes, error)
       if (allocated(error)) return
       if (variation%n_states > 0) return
-      self%is_too_costly = work_of_hill(variation, structure) > max_work
-      if (.not. self%is_too_costly) call assess_by_hill(self, variation, structure, motion%tones%is_unknown(1))
+      self%reason = unknown_because%none
+      if (work_of_hill(variation, structure) > max_work) then
+         self%reason = unknown_because%too_costly
+      else
+         call assess_by_hill(self, variation, structure, motion%tones%is_unknown(1))
+      end if
    end subroutine assess_with_parts
 
    !> Displacements on which no force depends, (n_dofs, any): motions that differ by them are equivalent.
@@ -417,7 +435,7 @@ contains
          work_left = min(limit, max(share_of_stability/config%patience*limit, work_of_verdict(config%work_spent, least_work)))
       if (limit >= huge(limit)) work_left = limit
       call plan_record()
-      if (self%is_too_costly) return
+      if (self%reason /= unknown_because%none) return
       self%method = stability_method%integration
       call assess_exponents(self, propagation, min(work_left, work_on_demand), how)
 
@@ -448,7 +466,7 @@ contains
                work = work_of_exponents(work_of_period, how%min_periods)
             end if
          end associate
-         self%is_too_costly = work > work_left
+         if (work > work_left) self%reason = unknown_because%too_costly
       end subroutine plan_record
    end subroutine assess_torus
 
@@ -462,24 +480,25 @@ contains
       real(wp) :: margin
 
       call find_exponents(found, propagation, max_work, config%min_periods, config%max_periods)
-      self%is_too_costly = found%is_cut_short .and. .not. allocated(found%rate)
+      if (found%is_cut_short) self%reason = unknown_because%too_costly
       if (.not. allocated(found%rate)) return
+      self%reason = unknown_because%none
       self%exponents = found%rate(:min(size(found%rate), max_multipliers))
       self%estimate = found%spread(1)
       self%n_periods = found%n_periods
       margin = max(estimate_safety*found%spread(1), rounding_level*two_pi/propagation%length)
       if (found%is_resolved) self%n_unstable = count(found%rate > estimate_safety*found%spread .and. found%rate > margin)
       if (.not. found%is_resolved) then
-         self%is_too_costly = found%is_cut_short
+         self%reason = merge(unknown_because%too_costly, unknown_because%at_limit, found%is_cut_short)
       else if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
       else if (propagation%surge > largest_surge) then                ! stable only for disturbances that are too small to matter
-         self%verdict = verdict%unknown
+         call self%withdraw(unknown_because%growing)
          self%growth = exp(propagation%surge)
       else if (maxval(found%rate) < -margin) then
          self%verdict = verdict%stable
       else
-         self%is_too_costly = found%is_cut_short
+         self%reason = merge(unknown_because%too_costly, unknown_because%at_limit, found%is_cut_short)
       end if
    end subroutine assess_exponents
 
@@ -500,6 +519,7 @@ contains
       if (.not. orbit%is_found) then
          call assess_period(along_series, config, variation, scaled%motion%amplitudes, .false., free, 0.0_wp)
          if (along_series%verdict == verdict%unstable) call move_alloc(along_series%multipliers, self%along_series)
+         self%reason = unknown_because%inaccurate
          return
       end if
       self%is_integrated = .true.
@@ -622,10 +642,13 @@ contains
       if (noise >= small_share) multipliers = pack(multipliers, abs(multipliers) >= noise)
       self%n_unstable = count(abs(multipliers) > 1.0_wp + margins)
       self%verdict = verdict%unknown
+      self%reason = unknown_because%none
       if (self%n_unstable > 0) then
          self%verdict = verdict%unstable
       else if (all(abs(multipliers) < 1.0_wp - margins)) then
          self%verdict = verdict%stable
+      else
+         self%reason = unknown_because%at_limit
       end if
       self%multipliers = multipliers(:min(size(multipliers), max_multipliers))
       self%exponents = log(max(abs(self%multipliers), tiny(1.0_wp)))*omega/two_pi
@@ -645,6 +668,13 @@ contains
          has_to_be_integrated = has_to_be_integrated .or. laws(i)%law%is_multiplier
       end do
    end function has_to_be_integrated
+
+   !> Whether the verdict was left out for its work.
+   pure logical function is_left_out(stability)
+      type(stability_t), intent(in) :: stability
+
+      is_left_out = any(stability%reason == [unknown_because%too_costly, unknown_because%too_many_cycles])
+   end function is_left_out
 
    !> States of displacements, (n, any).
    pure function states_of(displacements, n) result(states)

@@ -16,7 +16,7 @@ module hb_hill
    use hb_frequency_part, only: frequency_part_t, kind_of_part
    use hb_kinds, only: two_pi, wp
    use hb_lapack, only: zgetrf, zgetrs
-   use hb_stability, only: stability_method, stability_t, verdict
+   use hb_stability, only: stability_method, stability_t, unknown_because, verdict
    use hb_structure, only: structure_t
    use hb_variation, only: piece_t, variation_t
    implicit none
@@ -65,12 +65,14 @@ contains
       allocate (margin, source=margins_given)
       if (is_free) margin = growth_margins
       n_neutral = merge(1, 0, is_free)
+      self%reason = unknown_because%at_limit                          ! unless the counts agree
       do i = 1, size(margin)
          call count_growing(hill, margin(i)*hill%omega, right, is_whole)
          if (.not. is_whole) return
          if (right > 0) then
             self%n_unstable = right
             self%verdict = verdict%unstable
+            self%reason = unknown_because%none
             if (i == size(margin)) return
             call count_growing(hill, margin(size(margin))*hill%omega, right, is_whole)   ! those that grow slowly, too
             if (is_whole) self%n_unstable = max(self%n_unstable, right)
@@ -80,6 +82,7 @@ contains
          if (.not. is_whole) return
          if (above /= n_neutral) cycle
          self%verdict = verdict%stable
+         self%reason = unknown_because%none
          return
       end do
    end subroutine assess_by_hill

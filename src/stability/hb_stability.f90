@@ -15,7 +15,8 @@ module hb_stability
    private
    public :: change_of_variances, excitation_t, few_periods, harmonic_motion_t, max_multipliers, n_multipliers_of
    public :: noise_response_t, noise_status, noise_status_names, share_of_stability, stability_config_t, stability_finder_t
-   public :: stability_method, stability_method_names, stability_t, verdict, work_of_verdict
+   public :: stability_method, stability_method_names, stability_t, unknown_because, unknown_because_names, verdict
+   public :: work_of_verdict
 
    integer, parameter :: max_multipliers = 16                        !! that are stored, the largest
    real(wp), parameter :: share_of_stability = 0.3_wp                 !! of the work of a point
@@ -36,6 +37,25 @@ module hb_stability
       integer :: stable = 1
    end type verdict_t
    type(verdict_t), parameter :: verdict = verdict_t()
+
+   !> Why a verdict is not known.
+   type :: unknown_because_t
+      integer :: none = 0                                             !! it is known, or was not requested
+      integer :: too_costly = 1                                       !! it would exceed the permitted work
+      integer :: too_large = 2                                        !! the structure has no dense matrices
+      integer :: too_many_cycles = 3                                  !! of the fastest harmonic in a period of the slowest tone
+      integer :: no_equations = 4                                     !! in time, linear along the motion
+      integer :: at_limit = 5                                         !! the limit of stability is within the error
+      integer :: inaccurate = 6                                       !! the motion: a better one has or may have another verdict
+      integer :: growing = 7                                          !! disturbances grow within a slow period before they decay
+      integer :: contradicted = 8                                     !! by the time integration that has led to the motion
+      integer :: status = 9                                           !! that of the motion permits no verdict
+      integer :: at_bifurcation = 10                                  !! a point of a curve that was located there
+   end type unknown_because_t
+   type(unknown_because_t), parameter :: unknown_because = unknown_because_t()
+   character(15), parameter :: unknown_because_names(0:10) = [character(15) :: "none", "too_costly", "too_large", &
+      "too_many_cycles", "no_equations", "at_limit", "inaccurate", "growing", "contradicted", "status", &
+      "at_bifurcation"]
 
    type :: stability_config_t
       integer :: method = stability_method%auto
@@ -88,7 +108,7 @@ module hb_stability
                                                                       !! beside much larger ones they are not known, nor counted
       integer :: method = stability_method%off                        !! the one that was used
       logical :: is_integrated = .false.                              !! computed along a periodic motion of the time domain
-      logical :: is_too_costly = .false.                              !! omitted: it would exceed the permitted work
+      integer :: reason = unknown_because%none                        !! of a verdict that is not known
       integer :: n_periods = 0                                        !! of the slowest tone, over which exponents are averaged
       real(wp) :: estimate = 0.0_wp                                   !! of the relative error of the monodromy matrix, of its
                                                                       !! error for a phase shift, or of the change of the
@@ -104,6 +124,7 @@ module hb_stability
       real(wp), allocatable :: exponents(:)                           !! [1/s], the largest first; of one tone growth rates
       type(noise_response_t) :: response                              !! to the noise of the loads
    contains
+      procedure :: withdraw => stability_withdraw
       procedure :: compare_with => stability_compare_with
       procedure :: unstable_along_series => stability_unstable_along_series
       procedure :: resolves_circle => stability_resolves_circle
@@ -164,6 +185,16 @@ contains
       n_multipliers_of = min(2*structure%n_dofs + sum([(laws(i)%law%n_states, i=1, size(laws))]), max_multipliers)
    end function n_multipliers_of
 
+   !> Makes the verdict unknown, for the first of several reasons.
+   pure subroutine stability_withdraw(self, reason)
+      class(stability_t), intent(inout) :: self
+      integer, intent(in) :: reason                                   !! of unknown_because
+
+      if (self%verdict == verdict%unknown .and. self%reason /= unknown_because%none) return
+      self%verdict = verdict%unknown
+      self%reason = reason
+   end subroutine stability_withdraw
+
    !> Compares with the result along a more accurate motion: a verdict on which both do not agree, or which lies
    !> within twice the change of the largest multiplier (outside the unit circle: three times that of its logarithm) or, where it is
    !> negative, exponent, is not known; nor is it if the errors of multipliers may let two of them meet.
@@ -176,7 +207,8 @@ contains
       else if (.not. allocated(self%multipliers) .and. allocated(self%exponents) .and. allocated(better%exponents)) then
          call compare_exponents(self, better)
       else if (allocated(self%multipliers) .or. allocated(self%exponents) .or. self%verdict /= better%verdict) then
-         self%verdict = verdict%unknown                               ! without either, it was counted by Hill's determinant
+         ! without either, it was counted by Hill's determinant
+         call self%withdraw(merge(better%reason, unknown_because%inaccurate, better%reason /= unknown_because%none))
       end if
       call self%response%compare_with(better%response, self%verdict)
    end subroutine stability_compare_with
@@ -260,8 +292,8 @@ contains
 
       associate (here => self%exponents(1), there => better%exponents(1))
          self%estimate = max(self%estimate, abs(here - there))
-         if (self%verdict == verdict%stable .and. max(here, there) >= -2.0_wp*abs(here - there)) self%verdict = verdict%unknown
-         if (self%verdict == verdict%unstable .and. there <= 0.0_wp) self%verdict = verdict%unknown
+         if ((self%verdict == verdict%stable .and. max(here, there) >= -2.0_wp*abs(here - there)) .or. &
+             (self%verdict == verdict%unstable .and. there <= 0.0_wp)) call self%withdraw(unknown_because%inaccurate)
       end associate
    end subroutine compare_exponents
 
@@ -271,16 +303,17 @@ contains
 
       associate (here => abs(self%multipliers(1)), there => abs(better%multipliers(1)))
          self%estimate = max(self%estimate, abs(here - there))
-         if (self%verdict /= better%verdict) self%verdict = verdict%unknown
-         if (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there)) &
-            self%verdict = verdict%unknown
+         if (self%verdict /= better%verdict .or. &
+             (self%verdict == verdict%stable .and. max(here, there) >= 1.0_wp - 2.0_wp*abs(here - there))) &
+            call self%withdraw(unknown_because%inaccurate)
          if (self%verdict == verdict%unstable) then                    ! both are outside
             if (log(min(here, there)) <= estimate_safety*abs(log(here/there)) .or. &
                 may_cross(self%multipliers(1), partner_of(self%multipliers), better%multipliers, estimate_safety)) &
-               self%verdict = verdict%unknown
+               call self%withdraw(unknown_because%inaccurate)
          end if
       end associate
-      if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) self%verdict = verdict%unknown
+      if (self%verdict == verdict%stable .and. move_far(self%multipliers, better%multipliers)) &
+         call self%withdraw(unknown_because%inaccurate)
    end subroutine compare_multipliers
 
    !> The multiplier inside the unit circle from which the largest, outside, has parted: the nearest in direction; none if all are
@@ -307,6 +340,7 @@ contains
       stability%n_unstable = count(abs(stability%multipliers) > 1.0_wp)
       stability%exponents = log(max(abs(stability%multipliers), tiny(1.0_wp)))*omega/two_pi
       stability%verdict = verdict%unstable
+      stability%reason = unknown_because%none
    end function stability_unstable_along_series
 
    !> Whether multipliers on the unit circle have digits beside the errors of the largest one.

@@ -44,6 +44,7 @@ module hb_results_record
       integer, allocatable :: fallback(:)
       integer, allocatable :: is_near_commensurate(:)
       integer, allocatable :: is_stable(:)              !! 1 stable, -1 unstable, 0 not known
+      integer, allocatable :: stability_reason(:)       !! why it is not known, unknown_because; 0: known, or not stored
       integer, allocatable :: branch(:)                 !! hb_branches; 0: unknown
       real(wp), allocatable :: frequency(:, :)          !! [rad/s], (n_tones, n_points)
       real(wp), allocatable :: residual(:)
@@ -331,6 +332,8 @@ contains
       call check_meanings(self, stored%file, "fallback", fallback_names, error)
       call stored%fetch("is_near_commensurate", self%is_near_commensurate, error)
       call stored%fetch("is_stable", self%is_stable, error)
+      self%stability_reason = spread(0, 1, self%n_points)             ! normal modes, and runs without stability, have none
+      if (stored%file%has("stability_reason")) call stored%fetch("stability_reason", self%stability_reason, error)
       call stored%fetch("branch", self%branch, error)
       call stored%fetch("residual", self%residual, error)
       call stored%fetch("solve_seconds", self%solve_seconds, error)

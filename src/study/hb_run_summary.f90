@@ -8,7 +8,7 @@ module hb_run_summary
    use hb_mpi, only: comm_t, max_over, sum_over
    use hb_outcome, only: is_solved, outcome, outcome_names
    use hb_results_record, only: record_t
-   use hb_stability, only: noise_status
+   use hb_stability, only: noise_status, unknown_because_names
    use hb_tones, only: max_tones
    use hb_version, only: git_commit, program_version
    implicit none
@@ -25,7 +25,7 @@ module hb_run_summary
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
       integer :: n_stable = 0, n_unstable = 0                         !! points with such motions
       integer :: n_without_noise = 0                                  !! points whose response to noise is not known
-      integer :: n_too_costly = 0                                     !! points without stability because of its cost
+      integer :: n_unknown(0:ubound(unknown_because_names, 1)) = 0    !! solved points whose stability is not known, by unknown_because
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! the point after the first of them, from 1
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of an estimated point
@@ -64,6 +64,10 @@ contains
       summary%n_by_fallback = count(is_retained .and. is_fallback(record%fallback))
       summary%n_stable = count(is_retained .and. record%is_stable > 0)
       summary%n_unstable = count(is_retained .and. record%is_stable < 0)
+      do i = 0, ubound(summary%n_unknown, 1)
+         summary%n_unknown(i) = count(is_retained .and. is_solved(record%status) .and. record%is_stable == 0 .and. &
+                                      record%stability_reason == i)
+      end do
       summary%n_near_commensurate = count(is_retained .and. record%is_near_commensurate > 0)
       if (summary%n_near_commensurate > 0) &
          summary%first_near_commensurate = findloc(is_retained .and. record%is_near_commensurate > 0, .true., dim=1)
@@ -94,8 +98,9 @@ contains
       if (result%stability%verdict < 0) summary%n_unstable = summary%n_unstable + 1
       if (result%stability%response%status /= noise_status%known .and. is_solved(result%status)) &
          summary%n_without_noise = summary%n_without_noise + 1
-      if (result%stability%is_too_costly .and. result%stability%verdict == 0 .and. is_solved(result%status)) &
-         summary%n_too_costly = summary%n_too_costly + 1
+      associate (n => summary%n_unknown(result%stability%reason))
+         if (result%stability%verdict == 0 .and. is_solved(result%status)) n = n + 1
+      end associate
       if (allocated(result%error_estimate%combination)) summary%n_estimated = summary%n_estimated + 1
       if (result%is_near_commensurate) then
          summary%n_near_commensurate = summary%n_near_commensurate + 1
@@ -159,7 +164,9 @@ contains
       summary%n_estimated = sum_over(comm, summary%n_estimated)
       summary%n_stable = sum_over(comm, summary%n_stable)
       summary%n_unstable = sum_over(comm, summary%n_unstable)
-      summary%n_too_costly = sum_over(comm, summary%n_too_costly)
+      do i = 0, ubound(summary%n_unknown, 1)
+         summary%n_unknown(i) = sum_over(comm, summary%n_unknown(i))
+      end do
       summary%n_without_noise = sum_over(comm, summary%n_without_noise)
       summary%n_near_commensurate = sum_over(comm, summary%n_near_commensurate)
       summary%first_near_commensurate = -max_over(comm, -summary%first_near_commensurate)

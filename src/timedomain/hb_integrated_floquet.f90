@@ -10,7 +10,8 @@ module hb_integrated_floquet
    use hb_map_eigenvalues, only: deflate
    use hb_motion_series, only: motion_series_t, new_motion_series
    use hb_period_map, only: find_period_map, new_period_map, period_map_t, work_of_period_map
-   use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t
+   use hb_stability, only: excitation_t, harmonic_motion_t, stability_config_t, stability_method, stability_t, &
+      unknown_because
    use hb_state_map, only: new_state_map, state_map_t
    use hb_structure, only: max_dense, structure_t
    use hb_thresholds, only: max_distance_of_same
@@ -65,6 +66,7 @@ contains
          stability = stability_t()
       end if
       if (config%method /= stability_method%off) then
+         stability%reason = unknown_because%no_equations              ! unless they follow
          call structure%check_matrices("stability", max_dense, error)
          if (allocated(error)) return
          call new_integration_system(system, structure, laws, excitation%loads, motion%tones%omega)
@@ -96,8 +98,11 @@ contains
       how%max_periods = max(how%max_periods, how%min_periods)
       call new_integrated_propagation(propagation, system, motion, restitution, config%tolerance, error)
       if (allocated(error)) return
-      self%is_too_costly = work_of_exponents(propagation%work, how%min_periods) > max_work
-      if (self%is_too_costly) return
+      self%reason = unknown_because%none
+      if (work_of_exponents(propagation%work, how%min_periods) > max_work) then
+         self%reason = unknown_because%too_costly
+         return
+      end if
       self%method = stability_method%integration
       call propagation%integration%allow(max_work)
       call assess_exponents(self, propagation, min(max_work, work_on_demand), how)
@@ -120,8 +125,9 @@ contains
 
       call new_period_map(map, system, series, restitution, config%tolerance, error)
       if (allocated(error)) return
-      self%is_too_costly = work_of_period_map(map) > max_work
-      if (self%is_too_costly) return
+      self%reason = unknown_because%too_costly
+      if (work_of_period_map(map) > max_work) return
+      self%reason = unknown_because%inaccurate                        ! unless a periodic motion is found
       self%method = stability_method%integration
       call find_period_map(map, is_free, work_on_demand)
       if (.not. map%is_found) return

@@ -92,7 +92,8 @@ def test_every_row_has_a_dataset(datasets):
     assert {*rows(scales()), *rows(data())} - set(datasets) == set()
 
 
-@pytest.mark.parametrize("key", ["curve_kind", "fallback", "integration_verdict", "reason", "stability_method", "status"])
+@pytest.mark.parametrize("key", ["curve_kind", "fallback", "integration_verdict", "reason", "stability_method", "stability_reason",
+                                 "status"])
 def test_names_of_numbers_are_on_the_page(key, datasets):
     meaning = rows(data())[key][2].partition("flag_meanings")[2]
     listed = {int(number): name for number, name in re.findall(r"(?<![\w.])(\d+) ([a-z]\w+)(?=[ ,;:(.]|$)", meaning)}

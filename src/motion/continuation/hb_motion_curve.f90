@@ -29,7 +29,7 @@ module hb_motion_curve
    use hb_point_kinds, only: curve_kind, curve_kinds, located_by, point_kind_t
    use hb_solution_curve, only: solution_curve_t
    use hb_solver_types, only: report_t
-   use hb_stability, only: stability_t
+   use hb_stability, only: stability_t, unknown_because
    use hb_system, only: system_t
    use hb_tangent_solver, only: find_null_vector
    use hb_threads, only: use_threads
@@ -539,6 +539,8 @@ contains
          end if
          if (point%is_crossing) call branches%trace(position%unknowns, position%branch, followed%request%moving%typical)
          kind = curve_kinds(point%kind)
+         if (kind%is_bifurcation .and. any(result%stability%reason == [unknown_because%at_limit, unknown_because%inaccurate])) &
+            result%stability%reason = unknown_because%at_bifurcation
          if (kind%has_direction) position%direction = followed%pack(self%curve%direction)
          if (kind%by == located_by%response) position%response = point%response
          if (kind%by == located_by%multipliers .and. kind%has_derivatives .and. allocated(result%stability%multipliers)) &

@@ -12,7 +12,7 @@ module hb_integrated_result
    use hb_motion_result, only: as_pairs, motion_result_t
    use hb_options, only: options_t
    use hb_outcome, only: is_lost, outcome, reason
-   use hb_stability, only: harmonic_motion_t, stability_method, stability_t, verdict
+   use hb_stability, only: harmonic_motion_t, stability_method, stability_t, unknown_because, verdict
    use hb_steady_motion, only: steady_motion_t
    use hb_system, only: system_t
    use hb_thresholds, only: max_reliable_error
@@ -119,7 +119,7 @@ contains
          if (steady%spread < max_reliable_error) stability = stability_t(verdict=verdict%stable, &
                method=stability_method%integration)
       case (verdict%unstable)                                         ! the two results contradict each other
-         stability%verdict = verdict%unknown
+         call stability%withdraw(unknown_because%contradicted)
       end select
    end subroutine find_stability
 

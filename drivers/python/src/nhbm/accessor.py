@@ -41,8 +41,8 @@ class Accessor:
 
     @property
     def is_stable(self) -> xr.DataArray:
-        """Whether each motion is stable: True or False, and None where that is unknown; the attribute `comment` says why where it
-        was left out because of its cost."""
+        """Whether each motion is stable: True or False, and None where that is unknown; the attribute `comment` says why, and
+        `stability_reason` of the dataset of which motions."""
         words = self._dataset["stability"]
         if not bool((words == "unknown").any()):
             return words == "stable"
@@ -50,8 +50,8 @@ class Accessor:
         verdicts.values[...] = np.vectorize({"stable": True, "unstable": False}.get, otypes=[object])(words.values)
         from nhbm import notebook
 
-        reason = notebook.left_out(self._dataset)
-        return verdicts.assign_attrs(comment=f"the stability{reason}") if reason else verdicts
+        why = notebook.why_unknown(self._dataset)
+        return verdicts.assign_attrs(comment=why) if why else verdicts
 
     @property
     def message(self) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from nhbm import advice
 from nhbm.dataset import record_beside, refinement_of, varies_of
 from nhbm.errors import ModelError, imported
 from nhbm.groups import Groups
@@ -20,6 +21,7 @@ from nhbm.schema import SOLVED
 from nhbm.tables import writing
 
 _LARGEST_FOR_STABILITY = 1000  # degrees of freedom: max_dense of hb_structure
+_SAID_ELSEWHERE = ("none", "status", "at_bifurcation")  # reasons without advice: the status, or the kind of the point, has it
 _HEIGHT = 900  # of a report in a page [pixels]
 _MOST_VALUES = 6  # of a list in a table
 _ESTIMATES = {"truncation_estimate": "truncation", "aliasing_estimate": "aliasing"}
@@ -67,7 +69,7 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
         unit = str(data[name].attrs.get("units", "1"))
         rows.append((str(data[name].attrs.get("parameter", name)), f"{ends} {'' if unit == '1' else unit}".rstrip()))
     if "stability" in data:
-        rows.append(("stability", _counts(data["stability"].values) + (f"; that{reason}" if (reason := left_out(data)) else "")))
+        rows.append(("stability", _counts(data["stability"].values) + (f"; {why}" if (why := why_unknown(data)) else "")))
     if "n_harmonics" in data:
         counts = np.unique(np.ravel(data["n_harmonics"].values))
         if len(counts):
@@ -88,20 +90,21 @@ def summary_of(data: xr.Dataset) -> list[tuple[str, str]]:
     return [*rows, ("message", text)] if text else rows
 
 
-def left_out(data: xr.Dataset) -> str:
-    """How many verdicts on stability are missing because of their cost, and what requests them."""
+def why_unknown(data: xr.Dataset) -> str:
+    """Why the stability of motions is not known, and what to do, for each reason."""
+    if "stability_reason" not in data:
+        return ""
     found = record_beside(data)
-    if found is None or "stability_method" not in found.details:
-        return ""
-    groups = Groups.of_text(found.source.text)
-    asked = groups.first("stability")
-    if data.sizes.get("dof", 0) > _LARGEST_FOR_STABILITY and groups.first("normal_mode") is None:
-        return f" is computed for at most {_LARGEST_FOR_STABILITY} degrees of freedom: reduce the model (nhbm-model reduce)"
-    if groups.first("normal_mode") is not None or (asked is not None and asked.keys.get("method", "auto") != "auto"):
-        return ""
-    n = int((data["status"].isin(SOLVED) & (data.nhbm.details["stability_method"] == "off")).sum())
-    which = f" of {n}" if "point" in data.dims else ""
-    return f"{which} is costly and was left out: model.set('stability', method='integration')" if n else ""
+    asked = Groups.of_text(found.source.text).first("stability") if found is not None else None
+    is_requested = asked is not None and asked.keys.get("method") == "integration"
+    words = np.ravel(data["stability_reason"].values)[np.ravel(data["status"].isin(SOLVED).values)]
+    texts = []
+    for word in dict.fromkeys(words.tolist()):
+        if word in _SAID_ELSEWHERE:
+            continue
+        name = "beyond_limit" if word == "too_costly" and is_requested else word
+        texts.append(advice.on(f"stability_{name}", values=[int((words == word).sum()), _LARGEST_FOR_STABILITY]).text)
+    return "; ".join(texts)
 
 
 def _counts(words: Any) -> str:
