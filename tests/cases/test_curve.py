@@ -572,3 +572,18 @@ def test_a_curve_without_a_number_of_points_reaches_its_end(tmp_path):
 def test_a_given_number_of_points_is_kept(tmp_path):
     result = solve(SHORT_STEPS, tmp_path, "--set", "curve%points=40")
     assert len(read(result, "status")) == 40
+
+
+def test_a_response_that_is_rounding_has_no_extremes(tmp_path):
+    """Modes that nothing couples: a static load on the first, a harmonic one on the second, and a wall that is not reached."""
+    path = solve("""
+&structure type = 'modal_beam', length = 1.0, bending_stiffness = 0.01, mass_per_length = 1.0, n_modes = 2, damping_stiffness = 0.004 /
+&tones frequency = 1.0 /
+&accuracy tolerance = 1e-2 /
+&law type = 'rigid_wall', dofs = 'q1', 'q2', weights = 0.9935510611661341, 0.2253, gap = 0.012 /
+&load dof = 'q2', tuple = 1, cos = -0.65, sin = 0.27 /
+&load dof = 'q1', tuple = 0, cos = -0.295 /
+&curve parameter = 'tones%frequency', from = 0.4, to = 2.3, max_step = 0.1, peak_of = 'q1 (1)', minimum_of = 'q1 (1)' /
+""", tmp_path)
+    with h5py.File(path) as file:
+        assert set(file["curve_kind"][...][file["status"][...] != UNUSED]) == {1, 2, 6}  # regular, start, end
