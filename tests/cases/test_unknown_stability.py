@@ -31,7 +31,7 @@ MODELS = {
     "no_equations": text(frequency="1.1, 1.9371", of="1, 0", rest=CUBIC +
                          "&feedback sensors = 'x1', actuators = 'x1', d = 0.1, delay = 0.2 /\n"),
     "at_limit": text(damping=0.0, frequency=2.3),
-    "status": text(load=3.0, rest=CUBIC + "&harmonics order = 1 /\n"),
+    "status": text(rest=CUBIC + "&harmonics order = 3 /\n&error_estimate truncation = 1e-12 /\n"),
 }
 
 

@@ -8,7 +8,7 @@ module hb_motion_result
    use hb_kinds, only: wp
    use hb_outcome, only: has_verdict, is_solved, outcome, reason
    use hb_solver_types, only: attempt_t
-   use hb_stability, only: noise_status, stability_t, unknown_because, verdict
+   use hb_stability, only: noise_status, stability_t, unknown_because
    implicit none
    private
    public :: advise_on_reason, as_pairs, curve_position_t, effort_t, gradient_t, motion_result_t, stored_motion_t
@@ -325,8 +325,7 @@ contains
       class(motion_result_t), intent(inout) :: self
 
       if (has_verdict(self%status)) return
-      self%stability%verdict = verdict%unknown
-      self%stability%reason = unknown_because%status
+      call self%stability%withdraw(unknown_because%status)
       if (self%stability%response%status /= noise_status%none) call self%stability%response%fail(noise_status%no_verdict)
    end subroutine motion_result_withdraw_verdict
 
