@@ -5,7 +5,7 @@ module hb_sign_advice
    use hb_coordinate_scales, only: coordinate_scales_t, find_coordinate_scales
    use hb_error, only: error_t
    use hb_kinds, only: wp
-   use hb_lapack, only: dsygv
+   use hb_lapack, only: dgeev, dsygv
    use hb_law, only: law_t
    use hb_modes, only: modes_t, new_modes
    use hb_numbers, only: number_t, numbered_t
@@ -143,7 +143,7 @@ contains
    end function is_gyroscopic
 
    !> Names a matrix with negative numbers on its diagonal or, if it is not large, with negative eigenvalues of its
-   !> symmetric part. An unsymmetric stiffness, as of journal bearings, may have these.
+   !> symmetric part. An unsymmetric stiffness, as of journal bearings, may have these, but no odd number of its own.
    subroutine advise_on_matrix(structure, name, diagonal, matrix, numbers, list)
       type(structure_t), intent(in) :: structure
       character(*), intent(in) :: name
@@ -160,8 +160,11 @@ contains
          return
       end if
       if (structure%n_dofs > max_dofs .or. .not. allocated(matrix)) return
-      if (name == "stiffness" .and. any(abs(matrix - transpose(matrix)) > value_rounding*maxval(abs(matrix)))) return
-      call find_lowest(matrix, lowest, at)
+      if (name == "stiffness" .and. any(abs(matrix - transpose(matrix)) > value_rounding*maxval(abs(matrix)))) then
+         call find_divergence(matrix, lowest, at)
+      else
+         call find_lowest(matrix, lowest, at)
+      end if
       if (is_negative(lowest, matrix)) call list%add(numbers(2), [rounded_to(lowest, n_shown)], structure%labels(at))
    end subroutine advise_on_matrix
 
@@ -183,6 +186,30 @@ contains
       lowest = merge(values(1), 0.0_wp, info == 0)
       if (present(at)) at = maxloc(abs(a(:, 1)), dim=1)
    end subroutine find_lowest
+
+   !> The lowest real eigenvalue of an unsymmetric stiffness of which an odd number are negative, and the largest entry of its vector;
+   !> otherwise 0. Its determinant is then negative, and whatever the damping, that of s**2 M + s D + K has a root s > 0.
+   subroutine find_divergence(stiffness, lowest, at)
+      real(wp), intent(in) :: stiffness(:, :)
+      real(wp), intent(out) :: lowest
+      integer, intent(out) :: at
+      real(wp) :: a(size(stiffness, 1), size(stiffness, 1)), left(1, 1), shapes(size(stiffness, 1), size(stiffness, 1))
+      real(wp), dimension(size(stiffness, 1)) :: imaginary_part, real_part
+      real(wp) :: work(6*size(stiffness, 1))
+      integer :: info
+
+      at = 1
+      lowest = 0.0_wp
+      a = stiffness
+      associate (n => size(a, 1))
+         call dgeev("N", "V", n, a, n, real_part, imaginary_part, left, 1, shapes, n, work, size(work), info)
+      end associate
+      if (info /= 0) return
+      where (abs(imaginary_part) > 0.0_wp) real_part = 0.0_wp         ! these come in pairs
+      if (mod(count(real_part < -value_rounding*maxval(abs(stiffness))), 2) == 0) return
+      lowest = minval(real_part)
+      at = maxloc(abs(shapes(:, minloc(real_part, dim=1))), dim=1)
+   end subroutine find_divergence
 
    !> Whether an eigenvalue of a matrix is below 0 by more than rounding.
    pure logical function is_negative(eigenvalue, matrix)

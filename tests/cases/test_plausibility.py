@@ -119,6 +119,17 @@ def test_modes_that_grow_and_modes_that_do_not_oscillate(tmp_path):
         assert [words for words in ("a mode of ", "no mode of the structure oscillates") if words in told] == [words] * bool(words)
 
 
+@pytest.mark.parametrize(("stiffness", "damping"), [((2.0, -1.0, -10.0, 2.0), 0.05), ((2.0, -10.0, -1.0, 2.0), 5.0), ((2.0, -1.0, -1.1, 2.0), 0.05),
+                                                    ((2.0, 3.0, -3.0, 2.0), 5.0)])
+def test_an_unsymmetric_stiffness_from_which_a_motion_departs(stiffness, damping, tmp_path):
+    """A digit too many; the roots say whether one without oscillation grows."""
+    k, m = np.reshape(stiffness, (2, 2)), np.diag((1.0, 0.4))
+    state = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(m, k), -damping * np.linalg.inv(m)]])
+    departs = any(root.real > 0.0 and root.imag == 0.0 for root in np.linalg.eigvals(state))
+    told = said(TWO.format(stiffness=", ".join(map(str, stiffness)), damping=f"{damping}, {damping}"), tmp_path, verb="check")
+    assert ("the stiffness matrix has a negative eigenvalue" in told) == departs
+
+
 def test_what_can_be_meant_otherwise(tmp_path):
     """Loads that repeat or have no effect, phases in degrees, values of a sweep given twice, curves without their peak."""
     text = MODEL.format(gap=0.05)
