@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # A substructure of Abaqus (symmetric/outer.mtx of abaqus-mtx-parser 1.1.4) has rotations with next to no inertia: its
-# mass is positive, with eigenvalues from about 1e-24 to 2e-8. scipy.linalg.eigh(K, M) of SciPy 1.18.1 (LAPACK dsygvd), the
+# mass is positive, with eigenvalues from about 1e-24 to 2e-8. scipy.linalg.eigh(K, M) of SciPy 1.17.1 (LAPACK dsygvd), the
 # usual way to natural frequencies, gives no error, but negative squares of up to (59 kHz)^2 where the free part has zeros;
 # K alone has no negative eigenvalue above rounding. eigh(M, K + s M) gives zeros. Seen: -59,022 Hz against .002 Hz.
 set -euo pipefail
@@ -9,7 +9,7 @@ trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python=${PYTHON:-python3}
 "$python" -m venv env
-env/bin/pip install --quiet numpy==2.4.6 scipy==1.18.1 abaqus-mtx-parser==1.1.4
+env/bin/pip install --quiet numpy==2.4.6 scipy==1.17.1 abaqus-mtx-parser==1.1.4
 env/bin/python - <<'END'
 import re
 from importlib.util import find_spec

@@ -8,7 +8,7 @@ trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 python=${PYTHON:-python3}
 "$python" -m venv env
-env/bin/pip install --quiet numpy==2.4.6 scipy==1.18.1 pyyeti==1.4.7
+env/bin/pip install --quiet numpy==2.4.6 scipy==1.17.1 pyyeti==1.4.7
 printf '%s\n' 'GRID,1,,0.,0.,0.' '=,*1,,*1.,==' '=6' 'GRID,20,,5.,0.,0.' >beam.bdf
 env/bin/python - <<'END'
 from importlib.metadata import version
