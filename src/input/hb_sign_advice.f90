@@ -187,8 +187,8 @@ contains
       if (present(at)) at = maxloc(abs(a(:, 1)), dim=1)
    end subroutine find_lowest
 
-   !> The lowest real eigenvalue of an unsymmetric stiffness of which an odd number are negative, and the largest entry of its vector;
-   !> otherwise 0. Its determinant is then negative, and whatever the damping, that of s**2 M + s D + K has a root s > 0.
+   !> The lowest real eigenvalue of an unsymmetric stiffness of which an odd number are negative, and the largest entry of its
+   !> vector; otherwise 0. Its determinant is then negative, and whatever the damping, that of s**2 M + s D + K has a root s > 0.
    subroutine find_divergence(stiffness, lowest, at)
       real(wp), intent(in) :: stiffness(:, :)
       real(wp), intent(out) :: lowest

@@ -43,7 +43,7 @@ module hb_variation
       integer :: size = 0                                             !! of the state
       real(wp) :: scale = 1.0_wp                                      !! of velocities [1/s]
       real(wp) :: norm = 0.0_wp                                       !! of the constant part [1/s]
-      real(wp), allocatable :: slider_unit(:)                         !! of their positions in the state: like the degrees of freedom
+      real(wp), allocatable :: slider_unit(:)                         !! of their positions in the state: as of degrees of freedom
       type(motion_series_t) :: motion                                 !! of the coordinates
       integer, allocatable :: slip(:)                                 !! at the end of the last piece
       real(wp), allocatable :: held(:)

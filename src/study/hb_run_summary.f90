@@ -25,7 +25,7 @@ module hb_run_summary
       integer :: first_near_commensurate = huge(1)                    !! point, from 1
       integer :: n_stable = 0, n_unstable = 0                         !! points with such motions
       integer :: n_without_noise = 0                                  !! points whose response to noise is not known
-      integer :: n_unknown(0:ubound(unknown_because_names, 1)) = 0    !! solved points whose stability is not known, by unknown_because
+      integer :: n_unknown(0:ubound(unknown_because_names, 1)) = 0    !! solved points of unknown stability, by unknown_because
       integer :: n_jumps = 0                                          !! between neighbours, hb_branches
       integer :: first_jump = 0                                       !! the point after the first of them, from 1
       real(wp) :: truncation = 0.0_wp                                 !! largest estimate of an estimated point

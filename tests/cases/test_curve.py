@@ -577,7 +577,8 @@ def test_a_given_number_of_points_is_kept(tmp_path):
 def test_a_response_that_is_rounding_has_no_extremes(tmp_path):
     """Modes that nothing couples: a static load on the first, a harmonic one on the second, and a wall that is not reached."""
     path = solve("""
-&structure type = 'modal_beam', length = 1.0, bending_stiffness = 0.01, mass_per_length = 1.0, n_modes = 2, damping_stiffness = 0.004 /
+&structure type = 'modal_beam', length = 1.0, bending_stiffness = 0.01, mass_per_length = 1.0, n_modes = 2
+   damping_stiffness = 0.004 /
 &tones frequency = 1.0 /
 &accuracy tolerance = 1e-2 /
 &law type = 'rigid_wall', dofs = 'q1', 'q2', weights = 0.9935510611661341, 0.2253, gap = 0.012 /

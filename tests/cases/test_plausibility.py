@@ -119,8 +119,8 @@ def test_modes_that_grow_and_modes_that_do_not_oscillate(tmp_path):
         assert [words for words in ("a mode of ", "no mode of the structure oscillates") if words in told] == [words] * bool(words)
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), [((2.0, -1.0, -10.0, 2.0), 0.05), ((2.0, -10.0, -1.0, 2.0), 5.0), ((2.0, -1.0, -1.1, 2.0), 0.05),
-                                                    ((2.0, 3.0, -3.0, 2.0), 5.0)])
+@pytest.mark.parametrize(("stiffness", "damping"), [
+    ((2.0, -1.0, -10.0, 2.0), 0.05), ((2.0, -10.0, -1.0, 2.0), 5.0), ((2.0, -1.0, -1.1, 2.0), 0.05), ((2.0, 3.0, -3.0, 2.0), 5.0)])
 def test_an_unsymmetric_stiffness_from_which_a_motion_departs(stiffness, damping, tmp_path):
     """A digit too many; the roots say whether one without oscillation grows."""
     k, m = np.reshape(stiffness, (2, 2)), np.diag((1.0, 0.4))

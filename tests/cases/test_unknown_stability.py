@@ -67,8 +67,8 @@ def test_a_request_takes_what_is_costly(tmp_path):
 
 
 def test_bifurcations_of_a_curve_have_a_reason_of_their_own(tmp_path):
-    path = solve(text(rest=CUBIC + "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 0.8, to = 2.0 /\n"), tmp_path,
-                 status=None)
+    curve = "&harmonics order = 3 /\n&curve parameter = 'tones%frequency', from = 0.8, to = 2.0 /\n"
+    path = solve(text(rest=CUBIC + curve), tmp_path, status=None)
     found, is_stable = reasons(path)
     with h5py.File(path) as file:
         is_fold = file["curve_kind"][...] == 3

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _MAIN = (
     "status message n_harmonics tuple tuples coefficients force_coefficients improved_coefficients truncation_estimate "
     "aliasing_estimate frequency_estimate output_estimate penetration stability stability_reason n_unstable exponent "
-    "multiplier_real multiplier_imag noise_status noise_variance phase_diffusion power_in power_damping power_laws curve_kind curve_branch "
-    "curve_length gradient frequency_gradient "
+    "multiplier_real multiplier_imag noise_status noise_variance phase_diffusion power_in power_damping power_laws "
+    "curve_kind curve_branch curve_length gradient frequency_gradient "
     "gradient_estimate gradient_defect position_gradient displacement_samples corrected_samples force_samples"
 ).split()
 _COORDINATES = "frequency", "tuple", "tuples"
