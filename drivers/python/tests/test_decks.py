@@ -305,3 +305,10 @@ def test_dmig_in_each_form(tmp_path, form, width):
     model = importing.from_nastran(tmp_path / "k.pch", {"mass": "K", "stiffness": "k"})
     assert model.labels == ["n10.z", "n20.z"]
     np.testing.assert_array_equal(model.stiffness.toarray(), [[2500.0, -125.0], [-125.0, 3.0]])
+
+
+def test_a_multiplier_of_a_constraint_is_told_apart_from_a_cut_file(tmp_path):
+    (tmp_path / "k.mtx").write_text("1,1,1,1,2.0\n2,1,1,1,-1.0\n")
+    (tmp_path / "m.mtx").write_text("1,1,1,1,1.0\n2,1,2,1,1.0\n")
+    with pytest.raises(ModelError, match="n2.*none on the diagonal: .* constraint"):
+        importing.import_structure(abaqus=True, mass=tmp_path / "m.mtx", stiffness=tmp_path / "k.mtx")

@@ -449,14 +449,15 @@ def from_nastran(path: Any, names: dict[str, str], **more: Any) -> Structure:
 
 
 def _check_diagonal(model: Structure, name: str, what: str) -> None:
-    """A symmetric stiffness or mass has the diagonal of each row that has other terms: one that is absent is a sign of columns that
-    are missing, in formats without a count of terms."""
+    """A symmetric stiffness or mass has the diagonal of each row that has other terms, unless the row is of a multiplier of a
+    constraint: one that is absent is a sign of columns that are missing, in formats without a count of terms."""
     matrix = model.matrices()[name]
     if name not in ("stiffness", "mass") or (matrix != matrix.T).nnz:
         return
     bare = np.flatnonzero((np.asarray(abs(matrix).sum(axis=1)).ravel() > 0) & (matrix.diagonal() == 0))
     if len(bare):
-        raise ModelError(f"{what} is not whole: {model.labels[bare[0]]} has terms, but none on the diagonal")
+        raise ModelError(f"{what}: {model.labels[bare[0]]} has terms, but none on the diagonal: the file is not whole, or this is "
+                         "the multiplier of a constraint; let the program that writes it eliminate constraints")  # fmt: skip
 
 
 def _table(path: Any, n_columns: Any, n_whole: Any, hints: dict[int, str] | None = None) -> np.ndarray:
